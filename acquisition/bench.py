@@ -50,7 +50,7 @@ class CameraConfig(WrittenTable):
     gain_db: NonNegative
     gain_counts: NonNegative | None = Field(
         None,
-        description="gain of a camera that counts it without a scale in dB; gain_db is then 0",
+        description="gain in counts, for a camera without a scale in dB; gain_db is then 0",
     )
     frame_rate_hz: Positive
     trigger: str = Field(
@@ -61,7 +61,7 @@ class CameraConfig(WrittenTable):
     )
     trigger_edge: Literal["rising", "falling"] = "rising"
     chunk_data: bool = Field(
-        True, description="whether a camera that can states exposure and counter in each frame"
+        True, description="whether to have exposure and counter in each frame, if the camera can"
     )
     region_px: tuple[int, int, int, int] | None = Field(
         None, description="left, top, width, height on the sensor; default: the whole sensor"
@@ -116,7 +116,7 @@ class StageConfig(WrittenTable):
     tolerance_mm: Positive = 0.01
     approach: Literal["from_below", "from_above"] = "from_below"
     backlash_mm: NonNegative = Field(
-        0.5, description="how far a move from the wrong side first overshoots its target"
+        0.5, description="how far a move from the other side first overshoots its target"
     )
     home_offset_mm: float = Field(0.0, description="height where the controller reads 0")
     direction: Literal["up", "down"] = Field(
@@ -162,7 +162,7 @@ class OpticsConfig(WrittenTable):
 
 
 class LabelsConfig(WrittenTable):
-    """``[labels]``: what reports name on their first page, as people write it."""
+    """``[labels]``: names of lens, camera, target and customer for the first page of reports."""
 
     lens: str = ""
     camera: str = ""
@@ -215,7 +215,7 @@ class SimulatedConfig(WrittenTable):
 
 
 class BenchConfig(WrittenTable):
-    """A bench: camera, stage, optics, and the truth if it is simulated."""
+    """A bench file: camera, stage, optics, and the truth of a simulated bench."""
 
     camera: CameraConfig
     stage: StageConfig
@@ -238,7 +238,7 @@ class BenchConfig(WrittenTable):
 class BenchDevices:
     """Camera and stage of a bench, opened and configured according to ``config``.
 
-    ``clock`` returns the monotonic time in seconds for both, and ``sleep`` waits.
+    ``clock`` returns the monotonic time of both devices in s; ``sleep`` waits for a time in s.
     """
 
     config: BenchConfig

@@ -60,8 +60,8 @@ class Frame:
     """One exposure as the camera delivered it.
 
     An incomplete frame (lost packets) has ``is_complete`` False and an empty image.
-    ``exposure_us`` is the exposure that the camera states for this very frame; None if it states
-    none. ``gain`` likewise, in the unit of `CameraSettings.gain`.
+    ``exposure_us`` and ``gain``, in the unit of `CameraSettings.gain`, are those that the camera
+    states for this very frame; None if it states none.
     """
 
     image_dn: FrameImage
@@ -74,10 +74,10 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamStatistics:
-    """What a stream has delivered since it was opened.
+    """Counts of frames and packets that a stream has delivered since it was opened.
 
-    ``resends_packets`` is whether the camera sends lost packets again if it is asked to; None
-    where there are no packets, or the camera does not say.
+    ``resends_packets`` is whether the camera sends lost packets again on request; None if there are
+    no packets, or it is not known.
     """
 
     complete_frames: int
@@ -108,7 +108,7 @@ class Camera(Protocol):
     def set_gain_db(self, gain_db: float) -> float:
         """Set the gain and return the one read back, in dB.
 
-        0 is also the lowest gain of a camera that counts gain without a scale.
+        For a camera that counts gain without a scale, its lowest gain is returned as 0.
         """
         ...
 
@@ -122,9 +122,9 @@ class Camera(Protocol):
         Raises
         ------
         DeviceTimeoutError
-            If none came within ``timeout_s``.
+            If no frame came within ``timeout_s``.
         DeviceDisconnectedError
-            If the camera is gone.
+            If the connection to the camera is lost.
         """
         ...
 
@@ -162,17 +162,17 @@ class Stage(Protocol):
 
     @property
     def limits_mm(self) -> tuple[float, float]:
-        """Lowest and highest height that a move may ask for."""
+        """Lowest and highest height that a move may ask for, in mm."""
         ...
 
     @property
     def is_homed(self) -> bool:
-        """Whether the position is known."""
+        """Whether the position is known, because the stage has been homed."""
         ...
 
     @property
     def state(self) -> StageState:
-        """What the stage is doing now."""
+        """Present state of the stage."""
         ...
 
     def home(self, timeout_s: float) -> None:
@@ -181,7 +181,7 @@ class Stage(Protocol):
         Raises
         ------
         DeviceTimeoutError
-            If not found within ``timeout_s``; the stage is stopped first.
+            If the switch is not found within ``timeout_s``; the stage is stopped first.
         """
         ...
 
@@ -191,9 +191,9 @@ class Stage(Protocol):
         Raises
         ------
         StageNotHomedError, StageLimitError
-            Before anything moves.
+            If the position is not known, or the height is beyond the limits; nothing moves.
         DeviceTimeoutError
-            If not settled within ``timeout_s``; the stage is stopped first.
+            If the stage has not settled within ``timeout_s``; it is stopped first.
         """
         ...
 
@@ -202,7 +202,7 @@ class Stage(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stop under control; the position stays known."""
+        """Stop with a controlled deceleration; the position stays known."""
         ...
 
     def emergency_stop(self) -> None:

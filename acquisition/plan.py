@@ -112,7 +112,7 @@ class ExposureBracket(WrittenTable):
         8.0,
         ge=1.5,
         le=32,
-        description="of each exposure to the one before; the first is exposure_us",
+        description="ratio of each exposure to the one before; the first is exposure_us",
     )
 
     def ratios(self) -> tuple[float, ...]:
@@ -129,7 +129,7 @@ class PlanTarget(WrittenTable):
     heights_mm: _Heights | None = None
     exposure_us: _Exposures | None = Field(None, description="one or a list; default: the bench's")
     bracket: ExposureBracket | None = Field(
-        None, description="exposures that are merged to one capture, exposure_us the shortest"
+        None, description="exposures merged into one capture; exposure_us is the shortest"
     )
     reference: Text | None = Field(
         None,
@@ -139,7 +139,7 @@ class PlanTarget(WrittenTable):
 
 
 class CapturePlan(WrittenTable):
-    """A capture plan; ``plan_entries`` gives its captures in order."""
+    """A capture plan: targets, heights and exposures; ``preview_plan`` lists its captures."""
 
     schema_: Literal["standoff.plan/1"] = Field(alias="schema")
     name: Text
@@ -184,7 +184,7 @@ class CapturePlan(WrittenTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanEntry:
-    """One capture of a plan."""
+    """One planned capture; ``index`` is its number in the plan, from 0."""
 
     index: int
     kind: CaptureKind
@@ -214,9 +214,10 @@ class PlanEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanEstimate:
-    """Captures, placements by the operator, seconds without the placements, and bytes.
+    """Cost of a plan: numbers of captures and of placements by the operator, time and disk space.
 
-    ``bytes_`` is None where the size of a frame is not known.
+    ``seconds`` does not include the placements; ``bytes_`` is None if the size of a frame is not
+    known.
     """
 
     captures: int

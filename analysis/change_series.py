@@ -42,11 +42,11 @@ class TimeLineFollowup(StoredValues):
     Parameters
     ----------
     followup, folder, taken
-        The photograph, the folder of its results, and when it was taken as its file says.
+        The photograph, the folder of its results, and when it was taken according to its file.
     changes
-        How many changes it has.
+        Number of changes in its list.
     detection_limit
-        What would have been found in it.
+        The least amplitudes that would have been found in it.
     """
 
     followup: str
@@ -62,15 +62,15 @@ class TrackPoint(StoredValues):
     Parameters
     ----------
     sighting
-        Whether the follow-up's list has it, its place was compared without its being listed, or
-        its place was not compared.
+        ``seen`` if the follow-up's list has the change; ``not seen`` if it has not, although the
+        place was compared; ``not compared`` if the place was not compared.
     x_px, y_px
-        Its place in the follow-up; None where that does not show it.
+        Place of the change in the follow-up; None where the follow-up does not show that place.
     amplitude_dn, amplitude_err_dn, significance
-        Of the list; where it is not seen, of what stands at its place, with the sign of the
-        amplitude. None where it was not compared.
+        As in the follow-up's list. Where the change is not seen: those of the difference at its
+        place, the significance with the sign of the amplitude. None where it was not compared.
     upper_limit_dn
-        Where it is not seen, the amplitude in its direction that is excluded at 95 %.
+        Where the change is not seen: 95 % upper limit of its amplitude, in its direction.
     """
 
     sighting: _Sighting
@@ -88,11 +88,13 @@ class ChangeTrack(StoredValues):
     Parameters
     ----------
     reference_x_px, reference_y_px
-        Its place in the reference, the mean of where it was seen, weighted by significance^2.
+        Place of the change in the reference: the mean of the places where it was seen, weighted by
+        significance^2.
     first_seen, last_seen
-        Follow-ups that list it, as numbers from 0 in the order of the time line.
+        The first and the last follow-up that lists it, as numbers from 0 in the order of the time
+        line.
     points
-        One for each follow-up, in their order.
+        The change in each follow-up, in the order of the time line.
     """
 
     reference_x_px: float
@@ -103,7 +105,7 @@ class ChangeTrack(StoredValues):
 
     @property
     def seen(self) -> int:
-        """In how many follow-ups it is listed."""
+        """Number of follow-ups that list the change."""
         return sum(point.sighting == "seen" for point in self.points)
 
 
@@ -113,14 +115,14 @@ class ChangeTimeLine(ResultsDocument):
     Parameters
     ----------
     reference
-        The reference.
+        Name of the reference.
     order
-        Whether the follow-ups are in the order of the times that all their files state, or of
-        their paths.
+        ``time`` if the follow-ups are in the order of the times that their files state, ``path`` if
+        in the order of their paths, because not all files state a time.
     followups
-        Those that could be compared.
+        Follow-ups that could be compared.
     tracks
-        The longest seen first, then the most significant.
+        The changes, those seen in most follow-ups first, then the most significant.
     """
 
     schema_name: Literal["standoff.changes-series/1"] = Field(
@@ -139,12 +141,12 @@ def read_time_line(path: FilePath) -> ChangeTimeLine:
     Parameters
     ----------
     path
-        Of the file, in the folder of ``find_changes_of_series``.
+        Path of the file, in the folder that ``find_changes_of_series`` wrote.
 
     Returns
     -------
     ChangeTimeLine
-        Each change over the follow-ups.
+        The changes, each followed over all follow-ups.
 
     Raises
     ------
@@ -166,7 +168,7 @@ _CHANGES_SERIES_SCHEMA: Final = "standoff.changes-summary/1"
 
 
 class ComparedFollowup(StoredValues):
-    """One follow-up: a line of changes.csv.
+    """One follow-up: a row of changes.csv.
 
     Parameters
     ----------
@@ -177,18 +179,19 @@ class ComparedFollowup(StoredValues):
     changed_px, compared_px, zoom, threshold_sd
         As in its changes.json; None if it could not be compared.
     refused
-        Why it could not.
+        Why it could not be compared; None if it could.
     changes, moved
-        How many changes its list has, and how many movements beside them.
+        Number of changes in its list, and of movements, which are listed apart.
     taken
-        When it was taken, as its file says.
+        When it was taken, according to its file.
     warnings
-        Those of its changes.json, one after the other.
+        The warnings of its changes.json, joined.
     reference
-        Of a folder of pairs, the photograph that it was compared with.
+        In a series of pairs, the photograph that it was compared with.
     limit_spot_sigma_px, limit_median_dn, limit_p95_dn, limit_reached_fraction
-        Its detection limit: for spots of this width, at half and at 95 % of the compared pixels,
-        and the share of them where a contrast that was asked about would have been found.
+        Detection limit for spots of this width: the amplitudes that suffice at half and at 95 % of
+        the compared pixels, and the share of these pixels where the contrast that was asked about
+        would have been found.
     """
 
     followup: str
@@ -211,7 +214,7 @@ class ComparedFollowup(StoredValues):
 
 
 def limit_columns(found: ChangeSummary) -> dict[str, float | None]:
-    """Return the columns of a line that hold the detection limit; none for files of before."""
+    """Return the columns of a row that hold the detection limit; none for older files."""
     if found.detection_limit is None:
         return {}
     mapped = found.detection_limit.mapped
@@ -224,12 +227,12 @@ def limit_columns(found: ChangeSummary) -> dict[str, float | None]:
 
 
 class ChangesSeries(ResultsDocument):
-    """Several follow-ups of one reference, or a folder of pairs, in the order of their paths.
+    """Comparisons of follow-ups with one reference or with one each, in the order of their paths.
 
-    Of pairs, ``reference`` is the folder of the references. ``compared``, ``changed`` and
-    ``refused`` are numbers of follow-ups; a changed one has at least one changed pixel.
-    ``unpaired`` are photographs of either folder without a partner, or with several. The
-    provenance lists what they share; each follow-up has its own hash.
+    For pairs, ``reference`` is the folder of the references. ``compared``, ``changed`` and
+    ``refused`` are numbers of follow-ups; a changed one has at least one changed pixel, a refused
+    one could not be compared. ``unpaired`` are photographs of either folder without a partner, or
+    with several. The provenance lists the shared inputs; each follow-up has its own hash.
     """
 
     schema_name: Literal["standoff.changes-summary/1"] = Field(
@@ -243,7 +246,7 @@ class ChangesSeries(ResultsDocument):
     followups: tuple[ComparedFollowup, ...] = ()
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the follow-ups as a pandas table, a line each.
+        """Return the follow-ups as a pandas table, one row per follow-up.
 
         Raises
         ------
@@ -260,7 +263,7 @@ def read_changes_series(path: FilePath) -> ChangesSeries:
     Parameters
     ----------
     path
-        Of the file, in the folder of ``find_changes_of_series``.
+        Path of the file, in the folder that ``find_changes_of_series`` wrote.
 
     Returns
     -------

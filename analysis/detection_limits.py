@@ -134,7 +134,7 @@ def prediction_sentence(predicted: PredictedLimit) -> str:
     if predicted.lost_to:
         return f"{said}: {'; '.join(predicted.lost_to)}"
     if predicted.ratio > AGREEING_RATIO:
-        return f"{said}, for no reason that it tells"
+        return f"{said}; nothing in the pair shows why"
     return said
 
 

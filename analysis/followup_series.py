@@ -266,18 +266,19 @@ def is_refused(row: Row) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class SeriesResult(Shown, Generic[Document, Listed]):
-    """What a series gave.
+    """Result of processing a series of follow-ups.
 
     Parameters
     ----------
     sweep
-        Counts of this run and of earlier ones, for its part.
+        Counts of follow-ups done by this run and by earlier ones, in the part of this run.
     summary
-        Where the whole is written.
+        Path of the summary.json with all follow-ups.
     document
-        The summary without its follow-ups; None while other parts are not done.
+        The summary without its follow-ups; None until all parts of the work are done.
     first, worst
-        Every follow-up and none, or, of many, the first and the worst few.
+        Of up to 20 follow-ups, ``first`` has all and ``worst`` none; of more, the first and the
+        worst 5.
     """
 
     sweep: SweepSummary
@@ -288,7 +289,7 @@ class SeriesResult(Shown, Generic[Document, Listed]):
     notes: tuple[str, ...] = ()
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the follow-ups as a pandas table, a line each.
+        """Return the follow-ups as a pandas table, one row per follow-up.
 
         Raises
         ------
@@ -298,17 +299,17 @@ class SeriesResult(Shown, Generic[Document, Listed]):
         return dataframe(self.to_json()["followups"])
 
     def to_json(self) -> dict[str, Any]:
-        """Return the whole summary, as ``--json`` prints it; it must fit into memory."""
+        """Return the whole summary.json, as ``--json`` prints it; it must fit into memory."""
         summary: dict[str, Any] = json.loads(self.summary.read_bytes())
         return summary
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesTables(Generic[Document, Listed]):
-    """How a series is told: table, order of the worst lines, document, other files and writer.
+    """Output of a series: table, order of the worst rows, document, other files and their writer.
 
-    ``out`` is the folder that they are written to. The table has a column for each value of
-    a line but those ``left_out``; with ``has_parquet`` it is written as Parquet as well.
+    ``out`` is the folder that they are written to. The table has a column for each value of a row,
+    except those ``left_out``; with ``has_parquet`` it is also written as Parquet.
     """
 
     out: Path

@@ -35,7 +35,7 @@ class ResultsDocument(Shown, StoredValues):
     provenance: Provenance | None = None
 
     def write(self, path: FilePath) -> None:
-        """Write the document as JSON, whole or not at all; figures and tables beside it are not.
+        """Write the document as JSON, whole or not at all; no figures or tables are written.
 
         Raises
         ------

@@ -28,7 +28,7 @@ def write_psf(path: FilePath, psf: PsfCalibration) -> None:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file to write.
     psf
         As ``calibrate_psf`` returns it.
 
@@ -53,12 +53,12 @@ def read_psf(path: FilePath) -> PsfCalibration:
     Parameters
     ----------
     path
-        Of the file, as ``write_psf`` and ``standoff calibrate`` write it.
+        Path of the file, as ``write_psf`` and ``standoff calibrate`` write it.
 
     Returns
     -------
     PsfCalibration
-        All that the file says; functions with ``psf=`` take it.
+        The contents of the file; functions with ``psf=`` take it, but ``validate``.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file to write.
     geometry
         As ``calibrate_geometry`` returns it.
 
@@ -103,12 +103,12 @@ def read_geometry(path: FilePath) -> GeometryCalibration:
     Parameters
     ----------
     path
-        Of the file, as ``write_geometry`` and ``standoff geometry`` write it.
+        Path of the file, as ``write_geometry`` and ``standoff geometry`` write it.
 
     Returns
     -------
     GeometryCalibration
-        All that the file says; functions with ``geometry=`` take it.
+        The contents of the file.
 
     Raises
     ------
@@ -133,9 +133,9 @@ def write_homography(path: FilePath, homography: Homography) -> None:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file to write.
     homography
-        The pose.
+        The homography, with the follow-up's size and the distortion.
 
     Raises
     ------
@@ -157,12 +157,12 @@ def read_homography(path: FilePath) -> Homography:
     Parameters
     ----------
     path
-        Of the file, as ``write_homography`` writes it.
+        Path of the file, as ``write_homography`` writes it.
 
     Returns
     -------
     Homography
-        The pose; functions with ``homography=`` take it.
+        The homography; ``simulate``, ``simulate_pose`` and ``judge_homography`` take it.
 
     Raises
     ------
@@ -184,12 +184,12 @@ def read_noise(path: FilePath) -> NoiseCalibration:
     Parameters
     ----------
     path
-        Of the file, as ``write_noise`` and ``standoff noise`` write it.
+        Path of the file, as ``write_noise`` and ``standoff noise`` write it.
 
     Returns
     -------
     NoiseCalibration
-        All that the file says; ``capture_noise`` is what simulations take of it.
+        The contents of the file; functions with ``noise=`` take its ``capture_noise``.
 
     Raises
     ------
@@ -206,12 +206,12 @@ def read_noise(path: FilePath) -> NoiseCalibration:
 
 @checked
 def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
-    """Write noise.json and its maps beside it, all or none; return the document.
+    """Write a noise.json and its maps beside it, all or none; return the document.
 
     Parameters
     ----------
     path
-        Of noise.json.
+        Path of the noise.json to write.
     noise
         As ``measure_noise`` returns it.
 
@@ -252,12 +252,12 @@ def read_correction(path: FilePath) -> CorrectionMaps:
     Parameters
     ----------
     path
-        Of the noise.json; the maps lie beside it.
+        Path of the noise.json; the maps lie beside it.
 
     Returns
     -------
     CorrectionMaps
-        Functions with ``correct=`` take them.
+        The maps; functions with ``correct=`` take them.
 
     Raises
     ------

@@ -14,9 +14,9 @@ from hil_mocks.truth import TARGETS, BenchTruth, CameraPose, scene_of
 
 
 class TargetBench(ABC):
-    """A bench whose target can be exchanged, also while its camera runs in another thread.
+    """A bench whose target can be exchanged, even while its camera runs in another thread.
 
-    BenchConfigError if the bench has no ``[simulated]`` section, or an impossible one.
+    A BenchConfigError is raised if the bench has no ``[simulated]`` section, or an invalid one.
     """
 
     def __init__(self, config: BenchConfig) -> None:
@@ -36,7 +36,7 @@ class TargetBench(ABC):
 
     @property
     def orientation_deg(self) -> float:
-        """Rotation of the target, from +x towards +y."""
+        """Rotation of the target in degrees, from +x towards +y."""
         return self._orientation_deg
 
     @property
@@ -47,9 +47,9 @@ class TargetBench(ABC):
     def place(self, target: str, orientation_deg: float = 0.0) -> None:
         """Place one of `targets` under the camera, as an operator would.
 
-        It is turned from +x towards +y (y is down) about the optical axis; for ``edge``, that is
-        the direction of the edge line. ValueError, which lists them, if there is no such target, or
-        if the angle is not finite.
+        It is turned about the optical axis by ``orientation_deg`` from +x towards +y (y is down);
+        for ``edge``, that is the direction of the edge line. A ValueError is raised if there is no
+        such target (the message lists those that exist), or if the angle is not finite.
         """
         scene_of(target)
         if not isfinite(orientation_deg):
@@ -64,12 +64,12 @@ class TargetBench(ABC):
 
 
 class SimulatedBench(TargetBench):
-    """A camera on a stage that looks down on a target, which an operator can exchange.
+    """A simulated camera that looks down from a stage on a target, which can be exchanged.
 
-    The camera sees from the stage's *true* height. At first the target is black and white paper
-    with a horizontal edge. ``clock`` is that of both devices; by default time passes only when one
-    uses it. BenchConfigError if the bench has no ``[simulated]`` section, which holds the truth, or
-    a wrong one.
+    The picture is that from the stage's *true* height. The first target is black and white paper
+    with a horizontal edge. ``clock`` is the clock of both devices, by default a simulated one whose
+    time passes only when a device uses it. A BenchConfigError is raised if the bench has no
+    ``[simulated]`` section, which holds the truth, or an invalid one.
     """
 
     def __init__(self, config: BenchConfig, *, clock: SimulatedClock | None = None) -> None:
@@ -93,7 +93,7 @@ class SimulatedBench(TargetBench):
         return replace(self._mounting, height_mm=self.stage.true_height_mm)
 
     def open_camera(self) -> SimulatedCamera:
-        """The camera; one that was lost or closed is opened again, as its driver would do."""
+        """Return the camera; if it was lost or closed it is opened again, as a driver would do."""
         if not self.camera.is_open:
             self.camera = self.camera.reopened()
         return self.camera
@@ -107,7 +107,7 @@ class SimulatedBench(TargetBench):
         tilt_x_deg: float = 0.0,
         tilt_y_deg: float = 0.0,
     ) -> None:
-        """Mount the camera on the stage differently; see `CameraPose`."""
+        """Set how the camera is mounted on the stage; see `CameraPose`."""
         self._mounting = CameraPose(
             height_mm=0.0,
             offset_x_mm=offset_x_mm,

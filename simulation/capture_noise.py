@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureNoise:
-    """Temporal noise of a capture: shot and read noise, averaged over frames.
+    """Temporal noise of a capture: shot noise and read noise of a mean of frames.
 
     Parameters
     ----------
     gain_e_per_dn
-        Electrons per DN; 1/K of EMVA 1288.
+        Gain in electrons per DN; 1/K of EMVA 1288.
     read_noise_e
-        Standard deviation of the dark noise of one frame, in electrons.
+        Read noise: standard deviation of the dark noise of one frame, in electrons.
     black_level_dn
-        Level without light.
+        Level without light, in DN.
     frames_averaged
         Number of frames in the mean.
 
     Raises
     ------
     ArgumentError
-        If a value is not finite, the gain not positive, the read noise negative or the number of
-        frames below 1.
+        If a value is not finite, the gain is not positive, the read noise is negative, or the
+        number of frames is below 1.
 
     References
     ----------

@@ -58,10 +58,18 @@ def _like(image_dn: FloatImage, values: NDArray[np.floating]) -> FloatImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureOptions:
-    """What the follow-up's camera does beyond the capture model.
+    """Effects of the follow-up's camera beyond the capture model.
 
-    ``exposure`` is relative to the reference, ``vignetting`` the relative loss of light at the
-    corner, ``sharpening`` an amount and a width in px; ``seed`` is that of noise and training.
+    Parameters
+    ----------
+    exposure
+        Light of the follow-up relative to that of the reference.
+    vignetting
+        Relative loss of light at the corner of the frame, from 0 to below 1.
+    sharpening
+        Amount and width (sigma) in px of an unsharp mask; None for no sharpening.
+    seed
+        Seed of the added noise, and of training.
 
     Examples
     --------
@@ -106,10 +114,10 @@ _DEFAULTS = Rendering()
 class FollowUp:
     """The output of the capture model, before the camera's own effects.
 
-    ``own_variance_dn2`` is the variance that the reference's noise left in it, with the image's
-    shape; None if no noise was asked for. ``nearer`` and ``outside`` are masks of shape (rows,
-    cols), for another pose only. ``psf_form`` says what the PSF's shape was known as, ``is_field``
-    that it varied over the frame.
+    ``own_variance_dn2`` is the variance that the noise of the reference leaves in the image, in its
+    shape; None if no noise was asked for. ``nearer`` and ``outside`` are masks of shape ``(rows,
+    cols)``, None for a plain zoom-out. ``psf_form`` is the form in which the PSF was known,
+    ``is_field`` whether it varied over the frame.
     """
 
     image: FloatImage

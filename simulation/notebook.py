@@ -24,7 +24,7 @@ def html_table(caption: str, columns: Sequence[str], rows: Iterable[Sequence[str
 
 
 class Shown:
-    """A result that is read at a glance: in a line, and in a notebook as a table of its fields."""
+    """A result that prints as one short line, and in a notebook as a table of its fields."""
 
     __slots__ = ()
 

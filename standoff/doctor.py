@@ -45,7 +45,7 @@ SCARCE_BYTES = 2 * 10**9
 
 TOO_FEW_BYTES = 100 * 10**6
 
-HELD = "close the other program; if killed, it holds the camera for a few more seconds"
+HELD = "close the other program; if it was killed, wait a few seconds until the camera is free"
 
 REQUIRED_KEYS = ("camera.exposure_us", "camera.gain_db", "camera.pixel_format", "camera.region_px")
 """Keys of the bench file that no camera can do without what they set."""
@@ -163,14 +163,14 @@ def advice_on(error: DeviceError) -> str:
             if key is None:
                 return f"this camera model lacks {error.feature}: use another camera"
             if key in REQUIRED_KEYS:
-                return f"this camera model lacks what {key} sets: use another camera"
-            return f"this camera model lacks what {key} sets: leave that out of the bench file"
+                return f"this camera model cannot set {key}: use another camera"
+            return f"this camera model cannot set {key}: leave that out of the bench file"
         case CameraFeatureError() if error.feature.isidentifier():
             key = bench_key(error.feature)
             change = "" if key is None else f"change {key} in the bench file, or "
-            return f"{change}set {error.feature} in the maker's viewer to what is possible"
+            return f"{change}set {error.feature} to a possible value in the maker's viewer"
         case CameraDescriptionError():
-            return "install the maker's firmware in the camera anew, or use another camera"
+            return "reinstall the maker's firmware in the camera, or use another camera"
         case DeviceDisconnectedError() | DeviceTimeoutError():
             return (
                 "check power, cable and firewall (UDP), and that camera.address or camera.id is "
@@ -241,7 +241,7 @@ def check_stage_port(config: StageConfig) -> Check:
         return _fail(
             "stage",
             f"{config.port}: {error.strerror}",
-            "plug the stage in, switch it on, and look at ls -l /dev/serial/by-id",
+            "plug the stage in, switch it on, and check ls -l /dev/serial/by-id",
         )
     if not is_port:
         return _fail(
@@ -328,7 +328,7 @@ def _check_resend(probe: CameraProbe) -> tuple[Check, ...]:
     return (
         _warn(
             "packet resend",
-            "this camera does not resend lost packets: each one costs its frame",
+            "this camera does not resend lost packets: each lost packet costs a frame",
             "give it a network card and cable of its own, the receive buffer and MTU above, "
             "and a camera.frame_rate_hz or camera.bandwidth_limit_bytes_per_s well below "
             "what the link carries",

@@ -274,7 +274,7 @@ class AravisCamera:
 
     @property
     def exposure_limits_us(self) -> tuple[float, float]:
-        """See `LimitedExposureCamera`; read when it was opened."""
+        """See `LimitedExposureCamera`; read when the camera was opened."""
         return self._exposure_limits_us
 
     def set_exposure_us(self, exposure_us: float) -> float:
@@ -287,7 +287,7 @@ class AravisCamera:
         return self._settings.exposure_us
 
     def set_gain_db(self, gain_db: float) -> float:
-        """See `Camera.set_gain_db`; the lowest gain of one that is counted returns 0."""
+        """See `Camera.set_gain_db`; the lowest gain of a camera that counts gain returns 0."""
         self._settings = self._open_connection().set_gain_db(gain_db)
         found_db = gain_db if self._settings.gain_db is None else self._settings.gain_db
         update = {"gain_db": found_db, "gain_counts": None}
@@ -476,7 +476,10 @@ _TEMPERATURE = "DeviceTemperature"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundCamera:
-    """A camera that answered: its address, empty on USB, and its id, which opens it too."""
+    """A camera that answered: its identity, its address (empty on USB), and its id.
+
+    A bench file can name the camera by its address or its id.
+    """
 
     address: str
     vendor: str

@@ -258,7 +258,7 @@ class _FrameRate:
         if name is None:
             return (
                 "the camera has no frame rate to set; camera.frame_rate_hz "
-                f"{self._asked_hz:g} is only what the time limits go by",
+                f"{self._asked_hz:g} is used for the time limits only",
             )
         wanted_hz = min(self._asked_hz, self.bounds_hz().high)
         self._features.send(name, wanted_hz)
@@ -534,5 +534,5 @@ def _unscaled_warnings(settings: CameraSettings) -> tuple[str, ...]:
         return ()
     return (
         f"the camera's black level is {settings.black_level:g} counts of unknown scale; it is "
-        "recorded as 0 DN beside its counts, and captures of kind dark tell it in DN",
+        "recorded as 0 DN beside its counts; captures of kind dark measure it in DN",
     )

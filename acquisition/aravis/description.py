@@ -398,7 +398,7 @@ def _require_bounded_register(node: _Node) -> None:
         return
     if node.kind in _NUMBERS and any(node.texts("pLength")):
         raise DescriptionError(
-            f"leaves open how long the number in {node.name} is",
+            f"does not state the length of the number in {node.name}",
             fault="register",
             nodes=(node.name,),
         )

@@ -353,7 +353,7 @@ def _read(memory: _CameraMemory) -> bytes:
             data = memory.read(place.address, place.length)
             # Aravis itself knows only the small letters.
             return _unpack(data) if place.name.casefold().endswith(".zip") else data
-    raise DescriptionError("is nowhere: neither of its registers names a place", fault="nowhere")
+    raise DescriptionError("is missing: neither of its registers names a place", fault="nowhere")
 
 
 def _in_file(path: Path) -> bytes:

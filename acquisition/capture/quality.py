@@ -33,7 +33,10 @@ _RANK_LIMIT = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QualityFinding:
-    """One problem with a capture, in a sentence for the operator."""
+    """One problem with a capture; ``text`` is a sentence for the operator.
+
+    ``asks_retake`` is whether the problem is bad enough to take the capture again.
+    """
 
     problem: Problem
     text: str
@@ -76,7 +79,7 @@ class _Drift:
     @property
     def text(self) -> str:
         """The drift in a sentence."""
-        advice = "; let lamp and camera warm up and capture again" if self.is_notable else ""
+        advice = "; let lamp and camera warm up, then capture again" if self.is_notable else ""
         return (
             f"since the first capture the light changed by {100 * self.level:+.2f} % and the "
             f"image moved by {self.shift_px:.2f} px{advice}"
@@ -103,8 +106,8 @@ def bracket_remarks(record: CaptureRecord) -> tuple[str, ...]:
     for one in record.bracket or ():
         if one.light_ratio is not None and abs(one.light_ratio - 1) > _LEVEL_LIMIT:
             remarks.append(
-                f"bracket: {one.exposure_us:g} us shows {100 * (one.light_ratio - 1):+.1f} % of "
-                f"light against {shorter_us:g} us; let the lamp warm up, expose for whole periods "
+                f"bracket: {one.exposure_us:g} us shows {100 * (one.light_ratio - 1):+.1f} % light "
+                f"relative to {shorter_us:g} us; let the lamp warm up, expose for whole periods "
                 "of its flicker, or check the black level and that gamma is off"
             )
         shorter_us = one.exposure_us

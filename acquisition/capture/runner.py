@@ -56,7 +56,7 @@ _PLANNED = ("index", "kind", "target", "orientation_deg", "height_mm", "exposure
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class PlanPreview:
-    """The captures that a plan asks for, in order, and what they take."""
+    """The captures that a plan asks for, in order, and an estimate of their time and disk space."""
 
     entries: tuple[PlanEntry, ...]
     estimate: PlanEstimate
@@ -79,7 +79,7 @@ class PlanPreview:
         return f"<table>{table}</table>"
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the captures as a pandas table, a line each.
+        """Return the captures as a pandas table, one row per capture.
 
         Raises
         ------
@@ -106,7 +106,7 @@ class PlanPreview:
 
     @classmethod
     def of(cls, plan: CapturePlan, bench: BenchConfig, out: Path | None = None) -> Self:
-        """Look ahead at a plan on a bench; a session that ``out`` holds already is noted.
+        """Preview a plan on a bench; if ``out`` already holds a session, a note says so.
 
         Raises
         ------
@@ -161,8 +161,8 @@ Verdict = Literal["keep", "retake"]
 class CaptureProgress:
     """Progress after a stored capture: ``captured`` of ``planned`` entries are done.
 
-    ``findings`` are the problems with it, ``remarks`` what else is worth knowing;
-    ``seconds_left`` excludes the operator's own time.
+    ``findings`` are the problems with this capture, ``remarks`` further sentences on it.
+    ``seconds_left`` does not include the time that the operator needs.
     """
 
     captured: int
@@ -176,7 +176,7 @@ class CaptureProgress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSummary:
-    """What one run did: captures made now, found from earlier runs, and skipped by the operator."""
+    """Counts of one run: captures made now, made by earlier runs, and skipped by the operator."""
 
     captured: int
     already_captured: int
@@ -213,11 +213,11 @@ def run_plan(
     ``path`` is a new or empty directory, or the session to resume; the captures of ``retake`` are
     voided and taken again. The stage is homed if necessary.
 
-    A plan beyond the travel is refused before anything moves or is written. If a device fails, what
-    was captured until then is kept, and the error is journaled; so is a stop by the keyboard or by
-    `OperatorStopError`, which any of the callbacks and devices may raise. A capture whose stream
-    was interrupted is restarted from its first frame, for ``camera.reconnect_timeout_s`` if need
-    be; each is journaled as an ``error``.
+    A plan beyond the travel is refused before anything moves or is written. If a device fails, the
+    captures made so far are kept, and the error is recorded in the journal. So is a stop by the
+    keyboard or by an `OperatorStopError`, which any callback or device may raise. A capture whose
+    stream was interrupted is restarted from its first frame, for up to
+    ``camera.reconnect_timeout_s``; each interruption is recorded in the journal as an ``error``.
     """
     stage = devices.stage
     _refuse_beyond_travel(plan, stage)

@@ -37,12 +37,12 @@ _LEAST_NOISE = 1e-9  # relative; keeps constant values steady
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusReading:
-    """What the operator sees after each focus value.
+    """Reading of the live focus aid after each focus value.
 
-    ``value`` is the smoothed one, ``peak`` the largest of those since the last reset.
-    ``is_past_peak`` stays on until the value is back at the peak, so that it does not flicker.
-    ``noise`` is the standard deviation of one value, 0 until there are enough values. Without
-    ``has_detail`` there is nothing to focus on, and the value is the noise's.
+    ``value`` is the smoothed focus value, ``peak`` the largest ``value`` since the last reset.
+    ``is_past_peak`` stays true until the value is back at the peak, so that it does not flicker.
+    ``noise`` is the standard deviation of a single focus value, 0 until there are enough values. If
+    ``has_detail`` is false, the picture shows nothing to focus on, and the value is that of noise.
     """
 
     value: float
@@ -54,7 +54,7 @@ class FocusReading:
 
     @property
     def percent_of_peak(self) -> float:
-        """Value in percent of the peak; 0 if there is no peak, or nothing to focus on."""
+        """``value`` in percent of ``peak``; 0 if there is no peak, or nothing to focus on."""
         return 100.0 * self.value / self.peak if self.has_detail and self.peak > 0 else 0.0
 
 
@@ -180,7 +180,7 @@ class FocusOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusPoint:
-    """Focus value at a height that was read back, with its standard error."""
+    """Focus value, with its standard error, at a height read back from the stage."""
 
     height_mm: float
     value: float

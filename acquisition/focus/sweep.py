@@ -60,13 +60,25 @@ heights."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusPeak:
-    """Where a sweep was sharpest; ``err_mm`` is a standard error.
+    """The height at which a sweep was sharpest, and the curve fitted to its focus values.
 
-    The error includes the scatter about the curve, at its degrees of freedom, and what is not
-    known: ``pupil_err_mm`` is the part that the place of the entrance pupil would take off,
-    ``scale_err_mm`` that of a texture whose detail changes with its scale. ``tail`` is 0 for a
-    Gaussian, 1 for a Lorentzian and 2 for a root Lorentzian; the peak curves as
-    ``1 - defocus^2 / (2 width_mm^2)`` does, and ``base`` is left far from the focus.
+    Parameters
+    ----------
+    height_mm, err_mm
+        Height of the peak, and its standard error. The error includes the scatter about the curve,
+        at its degrees of freedom, and the two parts below.
+    pupil_err_mm
+        The part of the error that would vanish if the position of the entrance pupil were known.
+    scale_err_mm
+        The part of the error from a texture whose detail changes with its scale.
+    width_mm
+        Width of the peak: near its top it has the shape ``1 - defocus^2 / (2 width_mm^2)``.
+    tail
+        Shape of the peak: 0 for a Gaussian, 1 for a Lorentzian, 2 for a root Lorentzian.
+    base, amplitude
+        Focus value far from the focus, and what the peak adds to it.
+    pupil_offset_mm
+        Distance of the entrance pupil from the target at height 0.
     """
 
     height_mm: float
@@ -81,7 +93,7 @@ class FocusPeak:
 
     @property
     def shape(self) -> str:
-        """Name of the nearest of three shapes."""
+        """Name of the shape nearest to ``tail``: Gaussian, Lorentzian or root Lorentzian."""
         return ("Gaussian", "Lorentzian", "root Lorentzian")[min(round(self.tail), 2)]
 
     def curve(self, heights_mm: Floats) -> Floats:
@@ -342,9 +354,9 @@ def _require_inside(x: Floats, peak: FocusPeak) -> None:
         return
     remedy = "average more frames, or sweep more positions"
     if peak.scale_err_mm > 0.5 * peak.err_mm:
-        remedy = "use an edge across the region: a texture changes with its scale too"
+        remedy = "use an edge across the region: a texture also changes with its scale"
     elif peak.pupil_err_mm > 0.5 * peak.err_mm:
-        remedy = "say where the entrance pupil is, by geometry.json"
+        remedy = "give the position of the entrance pupil with geometry.json"
     raise NoFocusPeakError(
         f"the peak at about {peak.height_mm:.2f} mm is known only to {peak.err_mm:.2f} mm; {remedy}"
     )
@@ -402,24 +414,24 @@ class FocusSweep:
 
     @property
     def remark(self) -> str | None:
-        """What would tell the peak better: what is not known, or more data than a wide step has."""
+        """Advice on how to find the peak more precisely; None if there is none."""
         if self.peak is None:
             return None
         step_mm = float(np.median(np.diff(np.sort(self.columns()[0]))))
         least_mm = max(_LARGE_PART * self.peak.err_mm, _NAMED_STEPS * step_mm / _NORMAL_95)
         if self.peak.scale_err_mm > least_mm:
             return (
-                f"± {_NORMAL_95 * self.peak.scale_err_mm:.2g} mm of it are the target's, whose "
-                "detail changes with its scale as well: use one edge across the region"
+                f"± {_NORMAL_95 * self.peak.scale_err_mm:.2g} mm of this are due to the target, "
+                "whose detail also changes with its scale: use a single edge across the region"
             )
         if self.peak.pupil_err_mm > least_mm:
             return (
-                f"± {_NORMAL_95 * self.peak.pupil_err_mm:.2g} mm of it are the entrance pupil's, "
-                "whose place is not known: give the geometry"
+                f"± {_NORMAL_95 * self.peak.pupil_err_mm:.2g} mm of this are due to the entrance "
+                "pupil, whose position is not known: give the geometry"
             )
         if _NORMAL_95 * self.peak.err_mm < _GOOD_STEPS * step_mm:
             return None
-        return "to know it better, sweep further on both sides, or average more frames"
+        return "for a smaller interval, sweep further on both sides, or average more frames"
 
 
 def positions_of(request: SweepRequest) -> int:
@@ -435,7 +447,7 @@ def sweep_bench(
 ) -> FocusSweep:
     """Sweep between two heights; without them, the whole travel, then the range about the best.
 
-    There is no peak where the light changed on the way: what it would show might be the light's.
+    If the light changed during the sweep, there is no peak, because it might be one of the light.
     """
     low_mm, high_mm = request.heights_mm or devices.stage.limits_mm
     points: tuple[FocusPoint, ...] = ()

@@ -102,7 +102,7 @@ def refuse_giant(shape: tuple[int, ...], bytes_per_sample: int, file_bytes: int)
     if is_swollen(math.prod(shape) * bytes_per_sample, file_bytes):
         raise GiantImageError(
             f"an image of {cols} x {rows} pixels in {size_text(file_bytes)}, which is no "
-            "photograph; save it without compression if it is meant"
+            "photograph; if it is correct, save it without compression"
         )
 
 
@@ -133,7 +133,7 @@ def refuse_unusable(pixels: NDArray[Any], shown: str) -> None:
     if pixels.ndim not in (2, 3) or 0 in pixels.shape:
         raise ImageFileError(f"{shown}: expected one image, got an array of {pixels.shape}")
     if pixels.ndim == 3 and pixels.shape[2] > _MOST_CHANNELS:
-        meant = "pick out the ones meant"
+        meant = "select those that are"
         if pixels.shape[0] <= _MOST_CHANNELS:
             meant = (
                 "if the first axis counts them, move it to the end: numpy.moveaxis(image, 0, -1)"
@@ -152,6 +152,6 @@ def refuse_unusable(pixels: NDArray[Any], shown: str) -> None:
         )
     if max(-low, high) > _LARGEST_LEVEL:
         raise ImageFileError(
-            f"{shown}: levels from {low:.3g} to {high:.3g} are none of a photograph; "
+            f"{shown}: levels from {low:.3g} to {high:.3g} cannot be those of a photograph; "
             f"scale them to {_LARGEST_LEVEL:g} at most"
         )

@@ -54,7 +54,7 @@ _USUAL_SAMPLING = (True, True)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PhotographHead(ByValue):
-    """What is known of a photograph without its pixels.
+    """Facts about a photograph, without its pixels.
 
     ``encoding_from`` is what decided the encoding, as a noun: ``its ICC profile sRGB``;
     ``is_encoding_stated`` says that it is not just what is usual. ``left_out`` is what the file
@@ -72,12 +72,12 @@ class PhotographHead(ByValue):
 
     @property
     def name(self) -> str:
-        """The path on one line, with what a terminal would obey escaped."""
+        """The path on one line, with the control characters of a terminal escaped."""
         return on_one_line(self.path)
 
     @property
     def encoding_sentence(self) -> str:
-        """Which encoding was taken, why, and what decides it."""
+        """The encoding that was used, why, and how to override it, in words."""
         if self.encoding_from == "--encoding":
             return f"levels taken as {self.encoding.name} (--encoding)"
         return (
@@ -87,7 +87,7 @@ class PhotographHead(ByValue):
 
     @property
     def remarks(self) -> dict[str, str]:
-        """What is worth saying once for each kind of file, by kind."""
+        """Remarks to make once for each kind of file, by kind."""
         said = {}
         if self.encoding_from:
             encoding = f"encoding {self.encoding.name} {self.encoding_from}"
@@ -104,7 +104,7 @@ class PhotographHead(ByValue):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FileSteps:
-    """What the steps of a file are to its levels; None where it holds no integers.
+    """Effect of a file's quantisation steps on its levels; None if it does not hold integers.
 
     The variance of each grey level ``(rows, cols)`` by them, the level of one step, and both by
     channel.
@@ -127,21 +127,22 @@ class Photograph(PhotographHead):
     full_scale_dn
         Level of white: the largest that the stored numbers can hold; None for floats.
     saturation_dn
-        Linear level at which the sensor clips, as far as the file tells.
+        Linear level at which the sensor clips; None if the file does not show it.
     is_jpeg
-        Whether the levels were compressed as JPEG does.
+        Whether the levels were compressed as JPEG.
     luma_steps
-        Of a JPEG file, the quantisation table of its luma, shape ``(8, 8)``, rows by vertical
+        For a JPEG file, the quantisation table of its luma, shape ``(8, 8)``, rows by vertical
         frequency; the blocks start at the first pixel.
     jpeg_coding
-        How a JPEG file was coded, if another photograph can be coded alike.
+        How a JPEG file was coded, if another photograph can be coded in the same way.
     variance_dn2, frames
-        Temporal variance of one frame and the number of them, for the mean of a stack.
+        For the mean of a stack, the temporal variance of one frame and the number of frames.
     has_modelled_variance
-        Whether that variance is the noise model's, as of an exposure bracket, and not a sample's.
+        Whether that variance is from a noise model, as for an exposure bracket, and not a sample
+        variance.
     masked
-        Pixels that are no measurement, as an array's mask says, shape ``(rows, cols)``; None where
-        all are. Their levels are those of the nearest pixels that are one.
+        Pixels that an array's mask marks as no measurement, shape ``(rows, cols)``; None if there
+        are none. They have the levels of the nearest measured pixels.
     """
 
     stored: AnyArray = field(repr=False)
@@ -173,7 +174,7 @@ class Photograph(PhotographHead):
         return html_table(repr(self)[1:-1], ("of the file", ""), facts)
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
-        """Return a figure of the photograph as a screen shows it, in the sensor's own axes."""
+        """Return a figure of the photograph as a screen would show it, in the sensor's axes."""
         from simulation.figures import drawn  # matplotlib, for whoever looks
 
         shown = self._on_screen
@@ -200,9 +201,9 @@ class Photograph(PhotographHead):
 
     @property
     def linear_planes(self) -> AnyArray:
-        """Linear levels, as a type that the capture model takes.
+        """Linear levels, in a number type that the capture model takes.
 
-        Of a linear file they are the stored numbers, in their type.
+        For a linear file they are the stored numbers, in their own type.
         """
         pixels = self.stored
         if not self.encoding.is_linear:
@@ -213,7 +214,7 @@ class Photograph(PhotographHead):
 
     @property
     def colour_planes(self) -> AnyArray:
-        """``linear_planes`` of a photograph whose pixels all have the same colours.
+        """``linear_planes`` of a photograph that is neither a raw mosaic nor masked.
 
         Raises
         ------
@@ -230,7 +231,7 @@ class Photograph(PhotographHead):
         return self.linear_planes
 
     def not_measured(self, *, is_clipped: bool = False) -> BoolArray | None:
-        """Pixels that are masked, and those that are clipped if asked for; None if none is."""
+        """Mask of pixels that are masked or, with ``is_clipped``, clipped; None without any."""
         found = self.masked
         if is_clipped and self.saturation_dn is not None:
             planes: FloatArray = np.asarray(self.linear_planes, dtype=np.float64)
@@ -241,11 +242,11 @@ class Photograph(PhotographHead):
 
     @property
     def filled(self) -> "Photograph":
-        """The photograph with all pixels taken as measured, for who leaves out ``masked``."""
+        """The photograph without its mask, for callers that leave out ``masked`` themselves."""
         return self if self.masked is None else replace(self, masked=None)
 
     def refuse_mosaic(self) -> None:
-        """Check that all pixels have the same colours.
+        """Refuse a raw mosaic, whose pixels have different colours.
 
         Raises
         ------
@@ -260,7 +261,7 @@ class Photograph(PhotographHead):
 
     @property
     def grey_dn(self) -> FloatArray:
-        """Linear grey levels, shape ``(rows, cols)``; of colours their Rec. 601 luma.
+        """Linear grey levels, shape ``(rows, cols)``; for colours, their Rec. 601 luma.
 
         Raises
         ------
@@ -271,7 +272,7 @@ class Photograph(PhotographHead):
 
     @property
     def shown_dn(self) -> AnyArray:
-        """Linear levels of a picture of it: its colours if it has any, or else ``grey_dn``.
+        """Linear levels to show the photograph by: its colours if it has any, or else ``grey_dn``.
 
         Raises
         ------
@@ -282,14 +283,14 @@ class Photograph(PhotographHead):
 
     @property
     def grey_variance_dn2(self) -> FloatArray | None:
-        """Temporal variance of the grey levels of one frame, where the file is a capture."""
+        """Temporal variance of the grey levels of one frame; None if it is not known."""
         if self.variance_dn2 is None or self.variance_dn2.ndim == 2:
             return self.variance_dn2
         weights = np.square(REC601_LUMA)
         return np.asarray(self.variance_dn2[:, :, :3] @ weights)
 
     def taken_as(self, encoding: Encoding, encoding_from: str) -> "Photograph":
-        """The photograph with its levels taken as of another encoding, and what decided it."""
+        """The photograph, its stored levels decoded by ``encoding``; ``encoding_from`` says why."""
         saturation = self.saturation_dn
         if saturation is not None:
             top = np.full((1, 1, 3), saturation)
@@ -300,10 +301,11 @@ class Photograph(PhotographHead):
         )
 
     def coded_as(self, other: "Photograph") -> "Photograph":
-        """The photograph as a file like that of the other one would hold it.
+        """The photograph as a file coded like that of another photograph would hold it.
 
-        Only where the other one is a JPEG, or a coarser one, of levels of the same kind: what
-        coding takes from one alone would else pass for a change, or for blur.
+        It is recoded only if the other one is a JPEG, or the coarser JPEG of the two, with levels
+        of the same kind. Without that, what coding removes from only one of them would look like a
+        change, or like blur.
         """
         coding, own = other.jpeg_coding, self.jpeg_coding
         if (
@@ -319,12 +321,12 @@ class Photograph(PhotographHead):
 
     @property
     def file_steps(self) -> FileSteps:
-        """Variance and steps of the levels by those of the file, and of each channel of colours.
+        """Variance and size of the quantisation steps, for grey levels and each colour channel.
 
-        The variance is a twelfth of the squared step of each channel, through the decoding. Of a
-        JPEG file the steps of its coefficients are each the density of the error at its frequency,
-        weighted as a Gaussian of 1 px does: the variance of white noise that is as large once
-        smoothed.
+        The variance is a twelfth of the squared step of each channel, after decoding. For a JPEG
+        file, each quantisation step of a coefficient gives the density of the error at its
+        frequency, weighted by a Gaussian of 1 px: the result is the variance of the white noise
+        that would be as large after such smoothing.
         """
         if self.stored.dtype.kind != "u" or self.pattern is not None:
             return FileSteps()
@@ -400,16 +402,16 @@ class Photograph(PhotographHead):
 
     @property
     def white_dn(self) -> float:
-        """Level that decoding leaves as it is; 1 for floating-point levels."""
+        """Level that decoding does not change: the largest stored level, 1 for floats."""
         return 1.0 if self.full_scale_dn is None else self.full_scale_dn
 
     def white_level_dn(self, stated: float | None) -> float | None:
-        """Linear level at which the photograph is clipped; None if nothing is known.
+        """Linear level at which the photograph is clipped; None if it is not known.
 
         Parameters
         ----------
         stated
-            ``--white-level``, in levels of the file; without it, the file's own counts.
+            Clipping level that the caller states, in levels of the file; None for the file's own.
 
         Raises
         ------
@@ -497,25 +499,27 @@ def light_planes(pixels: NDArray[Any]) -> tuple[NDArray[Any], bool]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BenchCapture(ByValue):
-    """The mean of some frames at one height, with their temporal variance.
+    """The mean of several frames at one height, with their temporal variance.
 
-    ``numpy.asarray`` of it is ``mean_dn``, and every function of the library that takes an image
-    takes it.
+    Every function of the library that takes an image takes a capture; ``numpy.asarray`` of it is
+    ``mean_dn``.
 
     Parameters
     ----------
     mean_dn
-        Shape ``(rows, cols)``, in DN, linear in light, black level included.
+        Mean level of each pixel, shape ``(rows, cols)``, in DN, linear in light, black level
+        included.
     variance_dn2
-        Of one frame, in DN^2: the mean has ``variance_dn2 / frames_used``.
+        Temporal variance of one frame, same shape, in DN^2; that of the mean is ``variance_dn2 /
+        frames_used``.
     height_mm
-        As read back from the stage.
+        Height read back from the stage.
     settings
-        The camera's, as read back: exposure, gain, format, black level.
+        Settings read back from the camera: exposure, gain, pixel format, black level and others.
     saturated_pixels
-        Pixels that reached the largest level in any frame.
+        Number of pixels that reached the largest level in any frame.
     focus_value
-        Squared gradient over the frame, noise subtracted.
+        Squared-gradient focus value of the frame, without the share of the noise; dimensionless.
     """
 
     mean_dn: NDArray[np.float32] = field(repr=False)
@@ -554,7 +558,7 @@ class BenchCapture(ByValue):
 
     @property
     def photograph(self) -> Photograph:
-        """The capture as the functions on photographs take it, with its noise."""
+        """The capture as a `Photograph`, with its noise."""
         return Photograph(
             path=Path(f"capture at {self.height_mm:.3f} mm"),
             stored=self.mean_dn,
@@ -564,5 +568,5 @@ class BenchCapture(ByValue):
         )
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
-        """Return a figure of the capture as a screen shows it."""
+        """Return a figure of the capture as a screen would show it."""
         return self.photograph.plot(ax)

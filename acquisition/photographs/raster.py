@@ -149,7 +149,7 @@ class _Pages:
         with decoding("image", cv2.error):
             if self.is_wide:
                 if index > 0:
-                    raise DecodingError("a moving PNG of 16 bits; save its frames one by one")
+                    raise DecodingError("an animated 16-bit PNG; save its frames one by one")
                 if (self.image.format, self.image.mode) == ("PNG", _WIDE_GREY) and self.count == 1:
                     return np.asarray(self.image)  # decoded already, whole
                 return _wide(self.data)

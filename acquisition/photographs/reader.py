@@ -59,18 +59,19 @@ _WHITE_OF_FLOATS = 1.5  # encoded floats run from 0 to 1, and little beyond
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadOptions:
-    """How files are read.
+    """Options for reading images; ``standoff.reading`` makes them.
 
     Parameters
     ----------
     encoding
-        Taken for every file; None for what each states, or what is usual for its format.
+        Encoding of every file; None for the one that each file states or that is usual for its
+        format.
     page
-        Which image of a stack, from 1.
+        Number of the image to take from a stack, from 1.
     is_mean
-        Whether a stack is one capture: its mean, with the temporal variance.
+        Whether a stack is one capture: its mean is taken, with the temporal variance.
     white_level
-        Level, as it is stored, at which they are clipped; None for what each tells.
+        Level, as it is stored, at which files are clipped; None for each file's own.
     """
 
     encoding: Encoding | None = None
@@ -96,7 +97,7 @@ _AS_STATED = ReadOptions()
 
 
 def read_photograph(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
-    """Read a photograph: TIFF, PNG, JPEG, camera raw, OpenEXR, FITS and what else Pillow opens.
+    """Read a photograph: TIFF, PNG, JPEG, camera raw, OpenEXR, FITS, or any file that Pillow opens.
 
     An `ImageFileError` says what is wrong with the file or its levels.
     """
@@ -193,7 +194,7 @@ def _refuse_chosen_page(options: ReadOptions) -> None:
 
 
 def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Photograph:
-    """Take what holds an array for a photograph, in the way in which files are read.
+    """Return anything that holds an array as a photograph, with the same options as for files.
 
     An array of any library is linear in light, its pages along the first axis; a picture of Pillow
     is encoded as those of its format.
@@ -220,7 +221,7 @@ def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -
 
 
 def taken_as(photograph: Photograph, options: ReadOptions) -> Photograph:
-    """Take a photograph that was read before as other options say."""
+    """Return a photograph that was read before as these options would have read it."""
     if options.page is not None or options.is_mean:
         raise ImageFileError(
             f"{photograph.name}: it was read before; give its file to choose pages"
@@ -337,8 +338,8 @@ def _planes(stored: StoredImage, number: int, shown: str) -> tuple[AnyArray, boo
     if holds_more and not stored.has_opacity:
         planes = pixels.shape[2]
         raise DecodingError(
-            f"{planes} planes are neither grey nor RGB, and the last is not the same everywhere, "
-            f"as opacity would be; give {'one' if planes == 2 else 'the three that are RGB'}"
+            f"{planes} planes are neither grey nor RGB, and the last is not constant, as opacity "
+            f"would be; give {'one' if planes == 2 else 'the three that are RGB'}"
         )
     return light, holds_more
 
@@ -346,7 +347,7 @@ def _planes(stored: StoredImage, number: int, shown: str) -> tuple[AnyArray, boo
 def _refuse_swollen_stack(count: int, page_bytes: int, file_bytes: int) -> None:
     if is_swollen(count * page_bytes, file_bytes):
         raise DecodingError(
-            f"{count} pages in a file of {file_bytes} bytes are no photographs; "
+            f"{count} pages in a file of {file_bytes} bytes cannot be photographs; "
             "choose one with --page N"
         )
 
@@ -362,7 +363,7 @@ def _refuse_other_channels(encoding: Encoding, pixels: AnyArray) -> None:
 def _refuse_levels_beyond_white(highest: float, encoding: Encoding) -> None:
     if highest > _WHITE_OF_FLOATS:
         raise DecodingError(
-            f"{encoding.name} levels in floating point run from 0 to 1, these to {highest:.3g}: "
+            f"{encoding.name} levels in floating point run from 0 to 1, not to {highest:.3g}: "
             "give --encoding linear, or scale them"
         )
 

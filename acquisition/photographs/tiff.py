@@ -180,8 +180,8 @@ def _stack(tiff: tifffile.TiffFile, data: bytes) -> _Stack:
         pages = _full_size(tiff.pages.first.pages or ())
         if not pages and _SUB_DIRECTORIES_TAG in tiff.pages.first.tags:
             raise DecodingError(
-                "its first image is a thumbnail, and the picture below it is not read; save the "
-                "picture as a TIFF of its own"
+                "its first image is a thumbnail, and the image below it cannot be read; save that "
+                "image as a TIFF of its own"
             )
         pages = pages or [tiff.pages.first]
     _refuse_unread(pages[0])
@@ -215,7 +215,7 @@ def _refuse_giant(page: tifffile.TiffPage | tifffile.TiffFrame, data: bytes) -> 
     """Check the size of a page and of the parts that it is compressed in, before decoding."""
     key = page.keyframe
     if key is None or key.dtype is None:
-        raise DecodingError("a TIFF of a type of numbers that is not read")
+        raise DecodingError("a TIFF whose type of numbers is not supported")
     if int(key.imagedepth) != 1:
         raise DecodingError("a volume, not an image")
     samples, level_bytes = int(key.samplesperpixel), key.dtype.itemsize
@@ -254,7 +254,7 @@ def _as_shown(pixels: NDArray[Any], page: tifffile.TiffPage) -> NDArray[Any]:
         if pixels.dtype.kind == "b":
             return np.asarray(~pixels)
         if pixels.dtype.kind != "u":
-            raise DecodingError("levels whose white is 0, but no unsigned integers; turn them over")
+            raise DecodingError("white is 0, but its levels are not unsigned integers; invert them")
         return np.asarray(pixels.dtype.type(2 ** int(page.bitspersample) - 1) - pixels)
     if photometric == _PALETTE and page.colormap is not None:
         return _in_colours(pixels, np.moveaxis(page.colormap, 0, -1))
@@ -266,7 +266,7 @@ def _in_colours(pixels: NDArray[Any], colours: NDArray[Any]) -> NDArray[Any]:
     numbers = pixels[..., 0] if pixels.ndim == 3 else pixels
     if numbers.dtype.kind != "u" or numbers.max() >= len(colours):
         raise DecodingError(
-            f"its palette has {len(colours)} colours, and its pixels name others; save it in RGB"
+            f"its palette has {len(colours)} colours, but its pixels use others; save it as RGB"
         )
     return np.asarray(colours[numbers])
 
@@ -303,7 +303,7 @@ def _pattern(page: tifffile.TiffPage) -> Pattern | None:
     cells = page.tags.valueof(_CFA_PATTERN_TAG)
     found = _PATTERNS.get(tuple(cells)) if isinstance(cells, bytes | tuple) else None
     if found is None or page.tags.valueof(_CFA_REPEAT_TAG) != (2, 2):
-        raise DecodingError("a raw mosaic whose pattern of colours is not 2 x 2 of a Bayer filter")
+        raise DecodingError("a raw mosaic whose colour pattern is not that of a 2 x 2 Bayer filter")
     return found
 
 

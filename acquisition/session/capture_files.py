@@ -36,13 +36,13 @@ _INFO_START, _INFO_END = ('{\n "index"'.encode("utf-16-le"), "\n}".encode("utf-1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureImages:
-    """The pixels of a capture with its record; images float32, shape ``(rows, cols)``.
+    """The pixels of a capture and its record; images are float32 of shape ``(rows, cols)``.
 
-    ``variance_dn2`` is the unbiased temporal variance of one frame, so that the mean has
-    ``variance_dn2 / record.frames_used``. It is None where a single frame was used. In a bracket
-    the mean is merged from several exposures, and ``variance_dn2 / record.frames_used`` is the
-    variance of that; ``exposures_used`` counts those on which a pixel's level rests, 0 where it is
-    not valid. It is None where there is no bracket.
+    ``variance_dn2`` is the unbiased temporal variance of one frame; that of the mean is
+    ``variance_dn2 / record.frames_used``. It is None if a single frame was used. In a bracket, the
+    mean is merged from several exposures, and its variance is again ``variance_dn2 /
+    record.frames_used``; ``exposures_used`` is the number of exposures that a pixel's level is
+    based on, 0 where it is not valid, and None without a bracket.
     """
 
     mean_dn: NDArray[np.float32]

@@ -54,7 +54,7 @@ _OWN_KEYS = ("event", "utc", "uid", *_CHAIN_KEYS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JournalEvent:
-    """One event: kind, time (UTC, ISO 8601), its own uid, and facts that depend on the kind."""
+    """One event of a journal: kind, time (UTC, ISO 8601), uid, and facts by its kind."""
 
     kind: EventKind
     utc: str
@@ -66,7 +66,7 @@ class JournalEvent:
             raise ValueError(f"facts must not be named {_OWN_KEYS}, got {list(self.facts)}")
 
     def to_text(self, number: int) -> bytes:
-        """JSON object of the event as line ``number`` of a journal, without a newline."""
+        """Return the event as line ``number`` of a journal: a JSON object, without a newline."""
         document = {
             "seq": number,
             "event": self.kind,
@@ -405,8 +405,8 @@ class JournalWriter:
         line = link.to_bytes()
         if len(line) > LARGEST_LINE_BYTES:
             raise SessionError(
-                f"journal {self._path}: a {kind} of {size_text(len(line))}, at most "
-                f"{size_text(LARGEST_LINE_BYTES)} are written; keep it in a file and name that",
+                f"journal {self._path}: a {kind} has {size_text(len(line))}, at most "
+                f"{size_text(LARGEST_LINE_BYTES)} are allowed; put it in a file and name the file",
                 path=self._path,
             )
         self._write(line, JournalHead(lines=number, chain=link.chain))

@@ -42,11 +42,11 @@ _CHANGING = ("capture", "retake", "exclude", "include", "height")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionCapture:
-    """A journaled capture and the decisions about it since.
+    """A capture as recorded in the journal, with later decisions about it.
 
-    It is superseded once it is to be retaken or its entry is captured again, and excluded for as
-    long as ``excluded_because`` gives a reason. ``record`` has the corrected height, if there is
-    one; ``uncorrected_height_mm`` is then the one that was recorded with the capture.
+    It is superseded once a retake was asked for or its entry was captured again, and excluded as
+    long as ``excluded_because`` gives a reason. If its height was corrected, ``record`` has the
+    corrected height, and ``uncorrected_height_mm`` the height that was recorded with the capture.
     """
 
     record: CaptureRecord
@@ -118,7 +118,7 @@ class Session:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """How much of its plan the session holds, and who made it when, as plain values."""
+        """Counts of captures, plan, operator and creation time of the session, as plain values."""
         current = [capture for capture in self.captures if not capture.is_superseded]
         return {
             "session": str(self._path),
@@ -131,7 +131,7 @@ class Session:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the summary, the captures, and whether they are used, the notes and remarks."""
+        """Return summary, captures with later decisions, notes and remarks as plain values."""
         return {
             **self.summary,
             "captures": [
@@ -148,9 +148,9 @@ class Session:
         }
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the captures as a pandas table, a line each in order of time.
+        """Return the captures as a pandas table, one row per capture, in order of time.
 
-        Columns are those of the journal's records, and ``is_superseded``, ``excluded_because`` and
+        Columns are those of `CaptureRecord`, and ``is_superseded``, ``excluded_because`` and
         ``uncorrected_height_mm``.
 
         Raises
@@ -183,27 +183,27 @@ class Session:
 
     @property
     def path(self) -> Path:
-        """Its directory."""
+        """Directory of the session."""
         return self._path
 
     @property
     def manifest(self) -> Manifest:
-        """What it was made with, as in session.json."""
+        """Plan, bench, devices and software that the session was made with, as in session.json."""
         return self._manifest
 
     @property
     def events(self) -> tuple[JournalEvent, ...]:
-        """The journal, in order of time."""
+        """Events of the journal, in order of time."""
         return self._journal.events
 
     @property
     def is_begun(self) -> bool:
-        """Whether the journal tells the start of a run; without one there are no captures."""
+        """Whether the journal records the start of a run; otherwise there are no captures."""
         return any(event.kind == "start" for event in self.events)
 
     @property
     def captures(self) -> tuple[SessionCapture, ...]:
-        """Every journaled capture in order of time, marked superseded and excluded."""
+        """Every capture in the journal in order of time, also superseded and excluded ones."""
         return self._captures
 
     @property
@@ -218,7 +218,7 @@ class Session:
 
     @property
     def plan(self) -> CapturePlan:
-        """The plan the session was made with."""
+        """The plan that the session was made with."""
         return self.manifest.plan
 
     @property
@@ -228,7 +228,7 @@ class Session:
 
     @property
     def devices(self) -> Mapping[str, Mapping[str, Any]]:
-        """Snapshots of ``camera`` and ``stage`` when the session was made."""
+        """State of ``camera`` and ``stage`` when the session was made, as read from them."""
         return self.manifest.devices
 
     @property
@@ -244,9 +244,10 @@ class Session:
 
     @property
     def changed_utc(self) -> str:
-        """When the captures to use last changed, ISO 8601 in UTC; empty before the first one.
+        """Time of the last change to the captures to use, ISO 8601 in UTC; empty without captures.
 
-        A repair of the journal counts: decisions may have been lost, and captures came back.
+        A repair of the journal counts as a change: decisions may have been lost, and captures
+        recovered.
         """
         return max(
             (e.utc for e in self.events if e.kind in _CHANGING or "recovered" in e.facts),
@@ -265,7 +266,7 @@ class Session:
         Raises
         ------
         SessionError
-            If the file is missing or not the one that was captured.
+            If the file is missing or has changed since the capture.
         """
         path = self.path / record.file
         data = _read(path, LARGEST_IMAGE_BYTES)
@@ -408,7 +409,7 @@ def verify(path: Path) -> VerifyReport:
         faults.append(unknown_files_text(unknown))
     if session.is_journal_head_missing:
         faults.append(
-            f"{HEAD_NAME} is missing, and lines may be, at the end of {JOURNAL_NAME}; restore it "
+            f"{HEAD_NAME} is missing, and so may be lines at the end of {JOURNAL_NAME}; restore it "
             "from a copy, or run the capture command again, which writes a new one"
         )
     entries = {entry.index: entry for entry in session.entries}
@@ -432,10 +433,10 @@ def verify(path: Path) -> VerifyReport:
         ]
     if not session.is_begun:
         faults.append(
-            f"{JOURNAL_NAME} holds no start of a run, yet there are captures; restore it from a "
+            f"{JOURNAL_NAME} records no start of a run, yet there are captures; restore it from a "
             "copy, or see what `standoff verify --repair` can bring back"
             if unknown
-            else f"{JOURNAL_NAME} holds no start of a run; restore it from a copy, or run the "
+            else f"{JOURNAL_NAME} records no start of a run; restore it from a copy, or run the "
             "capture command again, which begins the session"
         )
     checks += [_FileCheck(file=file, state="unjournaled") for file in unknown]
@@ -460,7 +461,7 @@ def _check_manifest(session: Session) -> _FileCheck:
 
 def _differs_from_plan(record: CaptureRecord, entry: PlanEntry | None) -> str | None:
     if entry is None:
-        return "is none of the plan's"
+        return "is not in the plan"
     exposures = 1 if entry.bracket is None else entry.bracket.exposures
     taken = 1 if record.bracket is None else len(record.bracket)
     if taken != exposures:

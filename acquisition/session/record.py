@@ -38,10 +38,11 @@ _BENCH_TABLES = ("camera", "stage", "capture")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """The content of session.json.
+    """The contents of session.json.
 
-    ``bench`` is the resolved bench config as a JSON object; ``devices`` has a snapshot under
-    ``camera`` and ``stage`` where there is one; ``software`` maps package to version.
+    ``bench`` is the resolved bench config as a JSON object. ``devices`` describes ``camera`` and
+    ``stage`` as they were when the session was made, if there were any. ``software`` maps packages
+    to versions.
     """
 
     uid: str
@@ -105,10 +106,11 @@ class Manifest:
         bench: Mapping[str, Any],
         devices: Mapping[str, Mapping[str, Any]],
     ) -> dict[str, str]:
-        """What another run would change, by key: in plan, bench and device identities.
+        """Differences of another run from the session, by key: in plan, bench and device identity.
 
-        A bench key that is newer than the session counts as its default, and an identity that the
-        session does not have is not compared. Ports and addresses are free: see `reconnected`.
+        A bench key that is newer than the session counts as having its default value, and an
+        identity that the session does not have is not compared. Ports and addresses may differ: see
+        `reconnected`.
         """
         bench_changes = _differences("bench", _with_defaults(self.bench), bench)
         for table, key in _CONNECTION_KEYS:
@@ -121,7 +123,7 @@ class Manifest:
         }
 
     def reconnected(self, bench: Mapping[str, Any]) -> dict[str, str]:
-        """Ports and addresses that are others than when the session was made, by key."""
+        """Ports and addresses that differ from those when the session was made, by key."""
         changes = _differences("bench", _with_defaults(self.bench), bench)
         keys = (f"bench.{table}.{key}" for table, key in _CONNECTION_KEYS)
         return {key: changes[key] for key in keys if key in changes}
@@ -249,20 +251,37 @@ _UTC_TEXT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureRecord:
-    """One capture, as the journal and the Info of its TIFF hold it.
+    """One capture, as the journal and the Info of its TIFF record it.
 
-    ``height_mm`` was read back from the stage, ``height_asked_mm`` is the plan's. The two
-    ``_utc`` texts are the computer's clock around the capture, the ``_timestamp_ns`` the
-    camera's own of the first and last frame used. ``focus_value`` is None for flat and dark
-    captures. What an imported photograph does not state is None too: exposure, gain, time stamps.
-    ``gain`` and ``black_level`` are as the camera states them, in their units; ``gain_db`` is None
-    and ``black_level_dn`` 0 where the unit is counts, whose scale the camera does not tell. Records
-    of earlier versions have neither.
-    ``bracket`` has the exposures of a bracket, shortest first, None for a capture of one exposure;
-    ``exposure_us`` is then the shortest, whose DN the levels are in, and ``saturated_pixels`` are
-    those that are saturated in all of them.
-    ``file`` and ``frames_file`` are relative to the session, with forward slashes. ``sha256``
-    is None inside the file itself.
+    What an imported photograph does not state, such as exposure, gain and time stamps, is None.
+
+    Parameters
+    ----------
+    index, uid
+        Number of the capture in the plan, from 0, and its unique identity.
+    height_asked_mm, height_mm
+        Height of the plan, and height read back from the stage.
+    saturated_pixels
+        Number of pixels saturated in any frame; in a bracket, in all exposures.
+    exposure_us
+        Exposure time in us; in a bracket the shortest, in whose DN the levels are.
+    gain_db, black_level_dn
+        Gain and black level; None and 0 if the camera states them in counts, whose scale is not
+        known.
+    started_utc, finished_utc
+        Time of the computer's clock before and after the capture.
+    first_timestamp_ns, last_timestamp_ns
+        Time stamps of the camera for the first and the last frame used.
+    focus_value
+        Focus value; None for flat and dark captures.
+    file, frames_file
+        Paths of the capture and of its raw frames, relative to the session, with forward slashes.
+    sha256, frames_sha256
+        Hashes of the two files; ``sha256`` is None in the file itself.
+    gain, gain_unit, black_level, black_level_unit
+        Gain and black level as the camera states them, in these units; None in older records.
+    bracket
+        Exposures of a bracket, shortest first; None for a capture with one exposure.
     """
 
     index: int
@@ -325,7 +344,7 @@ class CaptureRecord:
     def to_json(self) -> dict[str, Any]:
         """The record as a JSON object, which ``from_json`` reads back exactly.
 
-        It is that of earlier versions where there is no bracket.
+        Without a bracket, it is the same object as in earlier versions.
         """
         document = asdict(self)
         bracket = document.pop("bracket")

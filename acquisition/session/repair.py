@@ -155,7 +155,7 @@ class RepairReport:
             return ("the journal is sound; nothing was repaired", *left_out)
         lost = ((one.number, one.text[:_QUOTED] or "nothing is left of it") for one in self.lost)
         return (
-            f"the journal was made anew of {self.lines} lines; the old one is {self.kept_as.name}",
+            f"the journal was rebuilt with {self.lines} lines; the old one is {self.kept_as.name}",
             *(_brought_back(one) for one in self.recovered),
             *(f"line {number} is lost: {text}" for number, text in lost),
             *left_out,

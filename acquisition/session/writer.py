@@ -295,7 +295,7 @@ class SessionWriter:
     def _journal_what_a_kill_left(self) -> None:
         """Take in the capture that was whole when a run was killed, and put aside what was not."""
         capture, remains = self._killed.capture, self._killed.remains
-        text = "the run before was killed before it could journal a capture"
+        text = "the previous run was killed before it could journal a capture"
         if capture is not None and capture.record is not None:
             record = capture.record
             self._journal.append("capture", {"record": record.to_json()}, uid=record.uid)

@@ -253,8 +253,8 @@ _SCORES_SCHEMA: Final = "standoff.benchmark-scores/1"
 class Score(StoredValues):
     """One measure of a program, over a group of tasks, with its 95 % interval over scenes.
 
-    ``relation`` is ``>`` or ``<`` where the value is only a bound. An end of the interval is null
-    where it is not known. ``answered`` of ``tasks`` gave the value.
+    ``relation`` is ``>`` or ``<`` where ``value`` is only a bound. ``low`` and ``high`` are null
+    where they are not known. The value is over ``answered`` of the ``tasks`` in the group.
     """
 
     program: str
@@ -271,7 +271,7 @@ class Score(StoredValues):
 
 
 class ScoredProgram(StoredValues):
-    """A program that took part, as its about.json names it; ``remarks`` are of its answers."""
+    """A program that took part, as its about.json names it; ``remarks`` are on its answers."""
 
     name: str
     version: str = ""
@@ -283,8 +283,8 @@ class ScoredProgram(StoredValues):
 class BenchmarkScores(ResultsDocument):
     """Scores of programs, side by side: the document of scores.json.
 
-    ``data_size``, ``data_seed`` and ``data_sha256`` say which data set, the last one of the
-    contents of all its files.
+    ``data_size``, ``data_seed`` and ``data_sha256`` identify the data set; the last is the hash of
+    the contents of all its files.
     """
 
     schema_name: Literal["standoff.benchmark-scores/1"] = Field(
@@ -302,28 +302,28 @@ class BenchmarkScores(ResultsDocument):
 
     @property
     def tracks(self) -> tuple[Track, ...]:
-        """Those in which a program took part."""
+        """The tracks in which any program took part."""
         taken = {one.track for one in self.scores}
         return tuple(track for track in TRACKS if track in taken)
 
     def groups(self, track: Track) -> list[str]:
-        """The groups of a track's tasks, in their order."""
+        """The groups of tasks in a track, in the order of ``scores``."""
         return list(dict.fromkeys(one.group for one in self.scores if one.track == track))
 
     def measures(self, track: Track, group: str) -> Iterator[Measure]:
-        """The measures that a program has in a group."""
+        """The measures for which any program has a score in a group."""
         taken = {one.measure for one in self.scores if one.track == track and one.group == group}
         yield from (one for one in MEASURES[track] if one.name in taken)
 
     def score(self, program: str, track: Track, group: str, measure: str) -> Score | None:
-        """One score, or None."""
+        """One score of a program, None if it has none."""
         wanted = (program, track, group, measure)
         return next(
             (s for s in self.scores if (s.program, s.track, s.group, s.measure) == wanted), None
         )
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the scores as a pandas table, a line for each program, group and measure.
+        """Return the scores as a pandas table, one row per program, group and measure.
 
         Raises
         ------
@@ -340,7 +340,8 @@ def read_scores(path: FilePath) -> BenchmarkScores:
     Parameters
     ----------
     path
-        Of the file, as the result of ``score_benchmark`` and ``standoff benchmark score`` write it.
+        Path of the file, as the result of ``score_benchmark`` or ``standoff benchmark score``
+        writes it.
 
     Returns
     -------

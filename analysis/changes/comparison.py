@@ -53,8 +53,8 @@ _MOST_NOISE = 100.0
 """Variance of noise that is given, over that of all levels, which hold it."""
 
 _NOT_IN_COLOUR = (
-    "the levels of the photographs are not in proportion, as of two tone curves: they were "
-    "compared in grey, and a change of colour at one lightness is not found"
+    "the levels of the photographs are not in proportion, as with two tone curves: they were "
+    "compared in grey, so a change of colour at equal lightness is not found"
 )
 
 _CHANNEL_PX = 8_000
@@ -333,8 +333,8 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     mean_gain = float(gain[valid].mean())
     if not (mean_gain and isfinite(mean_gain)) or _is_drowned(matched):
         raise AnalysisError(
-            "beside this noise the photographs have nothing in common; check the noise that is "
-            "given, and that they show the same scene"
+            "with this noise the photographs have nothing in common; check the given noise, and "
+            "that they show the same scene"
         )
     plain = smoothed(pair.seen(0.0), smoothing.target_px)
     plain *= gain
@@ -457,7 +457,7 @@ def _unexplained(share: float) -> tuple[str, ...]:
     if share <= _MOST_STRUCTURE:
         return ()
     return (
-        "the noise is small beside what lens and levels leave unexplained "
+        "the noise is small compared with what lens and levels leave unexplained "
         f"({100 * share:.0f} % of the variance): more than the stated false alarms are to be "
         "expected",
     )

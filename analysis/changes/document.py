@@ -40,40 +40,42 @@ _Row3 = tuple[float, float, float]
 class Change(StoredValues):
     """One thing that changed or moved: connected changes that touch, or lie in one outline.
 
-    Its place is its middle: of a spot the centre, of what is none that of its outline.
+    Its place is its middle: the centre of a spot, or of the outline of anything else.
 
     Parameters
     ----------
     x_px, y_px, reference_x_px, reference_y_px
         Its place in the follow-up and in the reference; 0 at the centre of the first pixel.
     area_px
-        Its area in follow-up pixels, however much it stands out: within the outline at half of what
-        it has inside, of a spot that of a flat one with its peak and its light, ``2 pi sigma^2``.
+        Its area in follow-up pixels, whatever its amplitude: the area within the contour at half of
+        the difference inside; of a spot ``2 pi sigma^2``, the area of a flat spot with the same
+        peak and the same sum.
     amplitude_dn, amplitude_err_dn
         Peak of the change, after minus before, in the follow-up's levels, as the coarser of the two
         photographs shows it, and its standard error.
     significance
         Standard deviations by which its strongest place stands out from chance; positive.
     q_value
-        Share of false ones expected among the changes that are at least as significant.
+        Share of false changes expected among those that are at least as significant.
     spot_sigma_px
-        Width of the Gaussian spot that fits best, in follow-up pixels; None in files of before.
+        Width (sigma) of the Gaussian spot that fits best, in follow-up pixels; None in older files.
     displacement_px, displacement_err_px
         Shift ``(x, y)`` in follow-up pixels, from before to after, that explains it better than an
-        added signal, and its standard errors; None where none does.
+        added signal, and its standard errors; None if no shift does.
     is_moved
-        Whether one does: ``area_px`` is then that of all the connected changes that it explains.
+        Whether a shift explains it better; ``area_px`` is then that of all the connected changes
+        that the shift explains.
     what
-        What happened to it; None in files of before.
+        What happened to it; None in older files.
     amplitude_rgb_dn
-        The same peak in red, green and blue; None of photographs without colours. ``amplitude_dn``
-        is its luma, and near 0 of what changed its colour alone.
+        The same peak in red, green and blue; None for photographs without colours. ``amplitude_dn``
+        is its luma, which is near 0 if only the colour changed.
     delta_e
-        Difference of its mean colours before and after, CIEDE2000; None without colours, or where
-        a file does not say what is white.
+        CIEDE2000 difference of its mean colours before and after; None without colours, or if a
+        file does not state its white.
     parts
-        The connected changes of one sign that it consists of, the most significant first, where
-        they are several; of a movement, what is left over beside it.
+        If it consists of several connected changes of one sign, these, the most significant first;
+        for a movement, the changes that it leaves unexplained.
     """
 
     x_px: float
@@ -103,45 +105,47 @@ class ChangeSummary(ResultsDocument):
     reference, followup
         Names of the photographs.
     homography, distortion_k1, distortion_k1_err, zoom
-        Follow-up pixel centres to reference pixel centres, both without distortion; the lens's
-        distortion, with its standard error where it was fitted; reference pixels per follow-up
-        pixel at the follow-up's centre.
+        Matrix that maps follow-up pixel centres to reference pixel centres, both without
+        distortion; distortion of the lens, with its standard error if it was fitted; reference
+        pixels per follow-up pixel at the follow-up's centre.
     changed_px, compared_px
-        Pixels that changed, of those that were compared.
+        Number of pixels that changed, and of pixels that were compared.
     threshold_sd, false_alarms_px
-        Standard deviations beyond which a pixel counts as changed, and how many of a frame do so
-        by chance.
+        Standard deviations beyond which a pixel counts as changed, and the expected number of
+        pixels per frame that exceed them by chance.
     gain, gain_err
-        Mean of the fitted gain of light, and its standard error; infinite in files of before.
+        Mean of the fitted ratio of the light, follow-up over reference, and its standard error,
+        which is infinite in older files.
     extra_blur_px2, extra_blur_err_px2
-        Variance by which the follow-up is softer than the calibrated PSF predicts, or than the
-        reference where there is none, in follow-up pixels, and its standard error, infinite without
-        any detail; negative: sharper.
+        Variance in follow-up px² by which the follow-up is softer (negative: sharper) than the
+        calibrated PSF predicts, or, without a PSF, than the reference; and its standard error,
+        which is infinite if there is no detail.
     noise_factor, is_noise_known
-        Fitted noise variance over that of the noise model; over 1 DN^2 where none was given.
+        Fitted noise variance relative to that of the noise model, or in DN^2 if no noise model was
+        given; and whether one was given.
     registration_err_px, width_err_px2
-        Standard deviations of the registration along the gradient, and of the variance by which
-        the simulated blur is wrong.
+        Standard deviation of the registration along the gradient, and of the error in the variance
+        of the simulated blur.
     psf_form
-        What the shape of the camera's PSF was known as; None in files of before.
+        Form in which the camera's PSF was known; None in older files.
     changes
-        What changed, first what catches the eye first: by contrast and the root of the area.
+        The changes, the most conspicuous first: by contrast and the square root of the area.
     moved, moved_px
-        What a shift explains, likewise, and its pixels; none where that was counted among the
-        changes.
+        The movements: what a shift explains, in the same order, and the number of its pixels; empty
+        if movements were counted among the changes.
     least_dn, below_least
-        Amplitude below which changes are not listed, where it was asked for, and how many there
-        are; by default the files' own steps decide, at each place.
+        Amplitude below which changes are not listed, None if it was not asked for: the step of the
+        files' levels at each place then decides; and the number of changes below it.
     false_discovery_rate
-        Share of false ones among the changes that was asked for, if it decided the threshold.
+        Share of false changes that was asked for, if it set the threshold.
     saturated_px
-        Follow-up pixels that either photograph shows clipped at white or black.
+        Number of follow-up pixels at which either photograph is clipped, at white or black.
     kernel
-        Where the blur between the photographs is known from; None in files of before.
+        What the blur between the photographs was derived from; None in older files.
     detection_limit
-        What would have been found; None in files of before.
+        The least amplitudes that would have been found; None in older files.
     frame_px
-        Pixels of the follow-up.
+        Number of pixels of the follow-up.
     warnings
         Sentences on what makes the changes doubtful.
     """
@@ -179,7 +183,7 @@ class ChangeSummary(ResultsDocument):
     warnings: tuple[str, ...] = ()
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the changes as a pandas table, the most significant first.
+        """Return the changes as a pandas table, one row per change, in the order of ``changes``.
 
         Raises
         ------
@@ -202,12 +206,12 @@ def read_changes(path: FilePath) -> ChangeSummary:
     Parameters
     ----------
     path
-        Of the file, as the result of ``find_changes`` and ``standoff changes`` write it.
+        Path of the file, as the result of ``find_changes`` or ``standoff changes`` writes it.
 
     Returns
     -------
     ChangeSummary
-        What changed, without the images.
+        The changes and the figures of the comparison, without the images.
 
     Raises
     ------
@@ -240,7 +244,7 @@ def _flat(change: Change) -> dict[str, float | bool | None]:
 
 
 def change_table(changes: Sequence[Change]) -> bytes:
-    """Return the list of changes as CSV, a line a change."""
+    """Return the list of changes as CSV, one row per change."""
     text = StringIO(newline="")
     columns = [
         column
@@ -282,7 +286,7 @@ def describe_focus(found: ChangeSummary) -> str | None:
 
 
 def describe_limit(found: ChangeSummary) -> str | None:
-    """Say which spots would have been found; None in files of before."""
+    """Say which spots would have been found; None for older files."""
     if found.detection_limit is None:
         return None
     sentence = spot_sentence(found.detection_limit)
@@ -309,7 +313,7 @@ def describe_moved(found: ChangeSummary) -> str | None:
     what = "1 change is" if len(moved) == 1 else f"{len(moved)} changes are"
     how_far = "by" if len(moved) == 1 else "by up to"
     return (
-        f"{what} listed apart: what was there before lies elsewhere now, {how_far} "
+        f"{what} listed separately: what was there before is elsewhere now, {how_far} "
         f"{furthest:.1f} px ({found.moved_px} pixels)"
     )
 

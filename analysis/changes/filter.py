@@ -119,7 +119,7 @@ class ChangeMasks:
 
 
 def change_warnings(changes: Sequence[Change], masks: ChangeMasks) -> tuple[str, ...]:
-    """Return a sentence each for flagged borders, likely gloss and a small overlap."""
+    """Return one sentence each on flagged borders, likely gloss and a small overlap, if any."""
     said = (_strips(masks), _gloss(changes, masks), _overlap(masks))
     return tuple(sentence for sentence in said if sentence)
 
@@ -151,8 +151,8 @@ def _strips(masks: ChangeMasks) -> str:
         return ""
     return (
         f"{count} of {np.count_nonzero(flagged)} changed pixels line the {' and '.join(lined)} of "
-        "what both photographs show: a mount, a shadow or the lens may differ there; leave the "
-        "border out with --mask to see the rest"
+        "what both photographs show: a mount, a shadow or the lens may differ there; mask the "
+        "border with --mask to see the rest"
     )
 
 
@@ -227,7 +227,7 @@ def _overlap(masks: ChangeMasks) -> str:
     if share >= _LEAST_OVERLAP:
         return ""
     return (
-        f"only {100 * share:.0f} % of the follow-up were compared: look at compared.png whether "
+        f"only {100 * share:.0f} % of the follow-up was compared: check in compared.png whether "
         "this is what both photographs show"
     )
 
@@ -237,19 +237,39 @@ _LISTED = ("x_px", "y_px", "area_px", "amplitude_dn", "significance", "q_value")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class ChangeResult(ByValue):
-    """Images on the follow-up's pixels, shape ``(rows, cols)`` each; 0 where not ``valid``.
+    """A comparison of two photographs: images on the follow-up's pixels, and figures.
 
-    ``summary``: what the comparison found, in figures. ``followup_dn``: the follow-up itself.
-    ``difference_dn``: after minus before, pose, blur and light explained, at the sharpness of the
-    blurrier photograph and in the follow-up's levels; smoothed, as are the others.
-    ``plain_difference_dn``: the same with the nearer photograph merely resampled, in the same
-    light. ``pose_difference_dn``: the part of the plain difference that the pose explains.
-    ``variance_dn2``: variance of the difference. ``significance``: difference over its standard
-    deviation, behind the width of filter at which it stands out most. ``limit_dn``: amplitude at
-    which a spot would have been found; NaN where not compared. ``is_change, is_moved``: pixels of
-    the changes, and of what moved. ``valid``: pixels that were compared. ``pose``: position of
-    every follow-up pixel in the reference. ``masks``: changed, compared and clipped pixels.
-    ``filter_widths``: behind which changes were looked for, in pixels of the coarser photograph.
+    The images have shape ``(rows, cols)`` and are 0 where not ``valid``.
+
+    Parameters
+    ----------
+    summary
+        Figures of the comparison, with the list of changes.
+    followup_dn
+        The follow-up.
+    difference_dn
+        After minus before, without what pose, blur and light explain, at the sharpness of the
+        blurrier photograph and in the follow-up's levels; smoothed, like the other differences.
+    plain_difference_dn
+        The same, but with the nearer photograph merely resampled; in the same light.
+    pose_difference_dn
+        The part of the plain difference that the pose explains.
+    variance_dn2
+        Variance of ``difference_dn``.
+    significance
+        Difference over its standard deviation, after the filter width at which it stands out most.
+    limit_dn
+        Least amplitude at which a spot would have been found; NaN where not compared.
+    is_change, is_moved
+        Pixels of the changes, and of the movements.
+    valid
+        Pixels that were compared.
+    pose
+        Position of every follow-up pixel in the reference.
+    masks
+        Changed, compared and clipped pixels.
+    filter_widths
+        Filter widths with which changes were looked for, in pixels of the coarser photograph.
     """
 
     summary: ChangeSummary
@@ -283,7 +303,7 @@ class ChangeResult(ByValue):
         return html_table(repr(self)[1:-1], ("", *_LISTED), rows)
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
-        """Return a figure of the follow-up with its changes, both differences, significance."""
+        """Return a figure of the follow-up with its changes, both differences and significance."""
         from analysis.changes.plot import changes_figure  # matplotlib, for whoever looks
 
         return changes_figure(self, ax=ax)

@@ -270,12 +270,12 @@ class _Met:
                 return f"the noise is {self.noise_ratio:.2f} times the one assumed (light)"
             case "registration":
                 return (
-                    "wrong positions make "
+                    "wrong positions cause "
                     f"{100 * compared.scatter.displaced_share:.0f} % of the variance (registration)"
                 )
             case "texture":
                 return (
-                    "fine detail, aliased or compressed, makes "
+                    "fine detail, aliased or compressed, causes "
                     f"{100 * compared.scatter.unlike_share:.0f} % of the variance (texture)"
                 )
 

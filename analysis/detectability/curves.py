@@ -64,23 +64,23 @@ _EXPONENTIAL: Final[FloatArray] = np.asarray(-np.log(_equal_parts(61)))
 
 
 class ErrorSources(CheckedModel, StoredValues):
-    """What is known of a camera's errors; None where it is not, and then no interval holds it.
+    """Errors of a camera; one that is not known is None, and no interval includes it.
 
     Parameters
     ----------
     psf_variance_err_px2
-        Standard error of the calibration's mean variance of the PSF.
+        Standard error of the PSF's variance, mean of x and y, by its calibration.
     psf_focus_share
-        What the focus of the calibration's own captures adds to that error, over their scatter; 0
-        where ``psf_variance_err_px2`` holds it.
+        Error that the focus of the calibration's own captures adds to it, in units of
+        ``focus_scatter_px2``; 0 if ``psf_variance_err_px2`` includes it.
     focus_scatter_px2
-        Standard deviation of that variance from capture to capture.
+        Standard deviation of the PSF's variance from capture to capture.
     focus_from
-        What states it, in words.
+        Source of ``focus_scatter_px2``, in words.
     focus_freedom
-        Degrees of freedom with which captures tell it; None where it is stated.
+        Its degrees of freedom, if captures give it; None if it is stated.
     noise_relative_err
-        Standard error of the noise over the noise.
+        Standard error of the noise, relative to the noise.
     registration_err_px
         Standard deviation of a pair's registration error along either axis.
     """
@@ -95,14 +95,14 @@ class ErrorSources(CheckedModel, StoredValues):
 
     @property
     def widened_scatter_px2(self) -> float | None:
-        """The scatter of the focus, widened by Student's quantile where captures tell it."""
+        """The focus scatter, widened by Student's quantile if it comes from captures."""
         if self.focus_scatter_px2 is None or self.focus_freedom is None:
             return self.focus_scatter_px2
         return self.focus_scatter_px2 * student_factor(self.focus_freedom)
 
     @property
     def whole_psf_err_px2(self) -> float | None:
-        """Standard error of the PSF's variance, with what its captures' focus leaves in it."""
+        """Standard error of the PSF's variance, with the error by the focus of its captures."""
         if self.psf_variance_err_px2 is None:
             return None
         return hypot(
@@ -111,7 +111,7 @@ class ErrorSources(CheckedModel, StoredValues):
 
     @property
     def unknown(self) -> tuple[Source, ...]:
-        """The sources of which nothing is known."""
+        """The sources of error that are not known."""
         known: dict[Source, float | None] = {
             "psf": self.psf_variance_err_px2,
             "focus": self.focus_scatter_px2,
@@ -122,16 +122,16 @@ class ErrorSources(CheckedModel, StoredValues):
 
 
 class CurveUncertainty(StoredValues):
-    """What a curve's interval is made of, at each of its zooms.
+    """Components of a curve's interval, at each of its zooms.
 
     Parameters
     ----------
     sources
-        What is known of the camera's errors.
+        The camera's errors, as far as they are known.
     scene
         Standard error of ln d' from the choice of photographs, widened by Student's quantile.
     slopes
-        How d' follows the other errors.
+        Derivatives of d' with respect to the other errors.
     """
 
     sources: ErrorSources = ErrorSources()
@@ -221,14 +221,14 @@ class DPrimeErrors:
 
     @classmethod
     def of_interval(cls, low: float, d_prime: float, high: float) -> Self:
-        """Errors that a 95 % interval stands for, of which the scene is the only known source."""
+        """Errors that correspond to a 95 % interval, all of them attributed to the scene."""
         if not 0 < low <= d_prime <= high:
             return cls(variances={"scene": 0.0})
         return cls(variances={"scene": (log(high / low) / (2 * NORMAL_95)) ** 2})
 
     @property
     def standard_error(self) -> float:
-        """Of ln d', all sources together."""
+        """Standard error of ln d', all sources together."""
         return sqrt(sum(self._by_source.values()))
 
     @property
@@ -258,7 +258,7 @@ class DPrimeErrors:
         return d_prime * exp(low), d_prime * exp(high)
 
     def probability_of(self, min_d_prime: float, d_prime: float) -> float:
-        """Probability that the d' that a curve gives as ``d_prime`` reaches a threshold."""
+        """Probability that d' reaches a threshold where the curve gives ``d_prime``."""
         if d_prime <= 0:
             return 0.0
         margin = log(d_prime / min_d_prime)
@@ -289,7 +289,7 @@ class DPrimeErrors:
 
 
 def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> _Spread:
-    """What two photographs, each with a focus of its own, make of ln d'.
+    """Distribution of what the focus errors of the two photographs add to ln d'.
 
     ``scatter_px2``: standard deviation of the variance that focus adds, from capture to capture.
     """
@@ -309,10 +309,10 @@ def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> _Spread:
 
 
 def registration_spread(share: float) -> _Spread:
-    """What a registration error makes of ln d'.
+    """Distribution of what a registration error adds to ln d'.
 
-    ``share`` is what its mean square adds to the variance of the decision, over that. Half the sum
-    of the squares along both axes is exponentially distributed.
+    ``share`` is the relative increase of the decision's variance by the mean square of the error.
+    Half the sum of the squares along both axes is exponentially distributed.
     """
     values = -0.5 * np.log1p(max(share, 0.0) * _EXPONENTIAL)
     return _Spread(values=values, weights=np.full(values.size, 1 / values.size))
@@ -335,7 +335,7 @@ _NOTE = (
 
 
 class AmbiguousCurveError(AnalysisError, ValueError):
-    """A choice matches more than one curve, or none.
+    """A `CurveChoice` matches more than one curve, or none.
 
     ``fitting`` are the matching curves, ``open_choices`` the values in which they differ, by name.
     """
@@ -353,7 +353,7 @@ class AmbiguousCurveError(AnalysisError, ValueError):
 
 
 class CurveChoice(CheckedModel, StoredValues):
-    """Which curve of a file to use; None leaves a value open.
+    """Selects one curve by model, observer, noise and contrast in DN; None matches any value.
 
     Examples
     --------
@@ -369,13 +369,12 @@ class CurveChoice(CheckedModel, StoredValues):
 class DetectabilityCurve(StoredValues):
     """d' against zoom for one model, observer, noise and contrast; an upper bound.
 
-    ``dprime_low`` and ``dprime_high`` are the 95 % interval with every source of error that
-    ``uncertainty`` knows, those ending in ``_scene`` that of the choice of photographs alone, all
-    that files of before know.
-    Of observer ``changes`` it is what a comparison of photographs is expected to show, and
-    ``seen_sigma_px`` and ``seen_dn`` are the width and the peak with which the follow-up shows a
-    Gaussian change, in its own pixels; None of others. Of observer ``detector`` it is the d' that
-    has the AUC of the detector that ``detector`` names, and no bound.
+    ``dprime_low`` and ``dprime_high`` are the 95 % interval with every error that ``uncertainty``
+    holds; those ending in ``_scene`` include only the choice of photographs, as do all in older
+    files. For observer ``changes``, d' is what a comparison of photographs is expected to reach;
+    ``seen_sigma_px`` and ``seen_dn`` are the width, in follow-up px, and the peak with which the
+    follow-up shows a Gaussian change; None for others. For observer ``detector``, it is the d' with
+    the AUC of the detector that ``detector`` names, and not a bound.
     """
 
     model: Model
@@ -436,7 +435,7 @@ class DetectabilityCurve(StoredValues):
         )
 
     def d_prime_at(self, zoom: FloatArray | float) -> FloatArray:
-        """Interpolate d' between the curve's zooms, 1/d' linear in zoom; NaN beyond the last one.
+        """Interpolate d' between the curve's zooms, 1/d' linear in zoom; NaN beyond the last zoom.
 
         Below the first zoom, and below 1, the first value holds: a nearer follow-up is no worse.
         ``d_prime_between`` says why.
@@ -445,9 +444,9 @@ class DetectabilityCurve(StoredValues):
         return np.asarray(np.where(np.asarray(zoom) > self.zoom[-1] + 1e-9, np.nan, value))
 
     def with_sources(self, sources: ErrorSources) -> "DetectabilityCurve":
-        """Return the curve with the interval that these errors of the camera give.
+        """Return the curve with the interval that follows from these errors of the camera.
 
-        A curve of before, which does not know what errors do, stays as it is.
+        A curve of an older file, which has no ``uncertainty``, is returned unchanged.
         """
         if self.uncertainty is None:
             return self
@@ -463,7 +462,7 @@ class DetectabilityCurve(StoredValues):
     def knowing(
         self, *, focus_scatter_px2: float | None = None, registration_err_px: float | None = None
     ) -> "DetectabilityCurve":
-        """Return the curve with these errors in its interval; None leaves what is known of one."""
+        """Return the curve with these errors in its interval; None leaves an error as it is."""
         if self.uncertainty is None:
             return self
         known: dict[str, object] = {}
@@ -478,7 +477,7 @@ class DetectabilityCurve(StoredValues):
         return self.with_sources(self.uncertainty.sources.model_copy(update=known))
 
     def errors_at(self, zoom: float) -> DPrimeErrors:
-        """Return the errors of ln d' at a zoom; of a curve of before, those in its interval."""
+        """Return the errors of ln d' at a zoom; for an older curve, those in its interval."""
         if self.uncertainty is not None:
             return self.uncertainty.errors(self.zoom, zoom)
         low, middle, high = (
@@ -500,7 +499,7 @@ class DetectabilityCurve(StoredValues):
     def largest_zoom(self, min_dprime: float) -> float | None:
         """Largest zoom up to which ``d_prime_at`` stays at the threshold or above.
 
-        None if it is below from the start; the last zoom of the curve if it never falls below.
+        None if d' is below from the start; the last zoom of the curve if d' never falls below.
         """
         below = np.flatnonzero(np.asarray(self.dprime) < min_dprime)
         if len(below) == 0:
@@ -513,7 +512,7 @@ class DetectabilityCurve(StoredValues):
         return z0 + (z1 - z0) * (d1 / min_dprime) * ((d0 - min_dprime) / (d0 - d1))
 
     def contrast_found(self, zoom: float, min_dprime: float) -> float:
-        """Least contrast in DN that reaches a d' at a zoom; d' is proportional to contrast.
+        """Least contrast in DN at which d' reaches ``min_dprime`` at a zoom.
 
         Raises
         ------
@@ -533,9 +532,9 @@ class DetectabilityCurve(StoredValues):
 class DetectabilityCurves(ResultsDocument):
     """Curves of several models, observers, noises and contrasts: the document of curves.json.
 
-    ``images`` to ``psf_form`` say what the curves were worked out from, None where that is not
-    known. ``photographs_needed`` is about how many of the scene would leave every d' uncertain by
-    less than 10 % (95 %), None where those there are do.
+    ``images`` to ``psf_form`` say what the curves were computed from; None if not known.
+    ``photographs_needed`` is the approximate number of photographs of the scene with which the 95 %
+    interval of every d' would be within 10 %; None if the present number suffices.
     """
 
     schema_name: Literal["standoff.detectability/1"] = Field(default=_CURVES_SCHEMA, alias="schema")
@@ -566,7 +565,7 @@ class DetectabilityCurves(ResultsDocument):
 
     @property
     def too_few_sentence(self) -> str | None:
-        """What is to be said where the photographs are too few."""
+        """Remark if the photographs are too few; None if they are not."""
         half_width, where = self._worst_scene
         if self.photographs_needed is None:
             return None
@@ -578,12 +577,12 @@ class DetectabilityCurves(ResultsDocument):
 
     @property
     def unknown_sentence(self) -> str | None:
-        """What the intervals do not hold, as nothing is known of it."""
+        """Remark on errors that are not known, so that no interval includes them; None without."""
         known = self.curves[0].uncertainty
         if known is None or not known.sources.unknown:
             return None
         named = " and ".join(SOURCE_WORDS[name] for name in known.sources.unknown)
-        return f"not in the intervals, as nothing is known of it: {named}"
+        return f"unknown, and so not included in the intervals: {named}"
 
     def with_need(self) -> "DetectabilityCurves":
         """Return the curves with ``photographs_needed``."""
@@ -599,7 +598,7 @@ class DetectabilityCurves(ResultsDocument):
         return html_table("d' against zoom, an upper bound", ("zoom", *zooms), rows)
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the curves as a pandas table, a line for each curve and zoom.
+        """Return the curves as a pandas table, one row per curve and zoom.
 
         Raises
         ------
@@ -632,7 +631,7 @@ class DetectabilityCurves(ResultsDocument):
         Raises
         ------
         AmbiguousCurveError
-            If none or more than one matches; the message says how they differ.
+            If no curve or more than one matches; the message says how they differ.
         """
         wanted = choice.model_dump(exclude_none=True)
         fitting = [
@@ -672,7 +671,7 @@ def read_curves(path: FilePath) -> DetectabilityCurves:
     Parameters
     ----------
     path
-        Of the file, as ``write_curves`` and ``standoff detectability`` write it.
+        Path of the file, as ``write_curves`` and ``standoff detectability`` write it.
 
     Returns
     -------

@@ -26,7 +26,7 @@ _PLASTIC = 1.324717957244746
 
 
 class ChangeSignal(Protocol):
-    """A change of the scene, known exactly."""
+    """A change of the scene that an observer knows exactly; px are those of the photograph c."""
 
     @property
     def reach_px(self) -> float:
@@ -35,7 +35,7 @@ class ChangeSignal(Protocol):
 
     @property
     def sigma_px(self) -> float | None:
-        """Width in px of c, None where it has no such width."""
+        """Width (sigma) of a Gaussian signal, in px of c; None for any other."""
         ...
 
     @property
@@ -78,7 +78,7 @@ class GaussianSignal:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PatchSignal(ByValue):
-    """A patch of an image: its levels above its border's median, largest deviation 1."""
+    """A patch of an image, minus the median of its border, scaled to a largest deviation of 1."""
 
     levels_dn: FloatArray
 

@@ -229,10 +229,10 @@ _TILES_WANTED = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepPlan:
-    """What is measured on every image; ``reading`` states how the files are read.
+    """What is measured on every photograph; ``reading`` states how the files are read.
 
-    ``is_compared`` asks for what a comparison leaves as well, for observer ``changes``: its sums
-    follow those of the artefact, model by model.
+    With ``is_compared``, the residual of a comparison is measured as well, for observer
+    ``changes``: its sums follow those of the artefact, model by model.
     """
 
     scenario: Scenario

@@ -38,16 +38,17 @@ _USUAL_ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectionTask:
-    """What to detect, in which noise, at which zooms and by which observers.
+    """A detection task: the change to detect, and the noises, zooms, models and observers.
 
     Parameters
     ----------
     signal
-        The change, of contrast 1 on the photograph.
+        The change to detect, of contrast 1 on the photograph; by default a Gaussian spot of sigma
+        2 px.
     contrasts_dn
-        Peaks of the change.
+        Peaks of the change, in DN.
     noises_dn
-        Standard deviations of the white noise in either image.
+        Standard deviations of the white noise in either image, in DN.
     zooms
         Ratios of the follow-up's distance to the reference's, rising, from 1.
     models
@@ -55,18 +56,18 @@ class DetectionTask:
     observers
         Observers to evaluate.
     reference_zoom
-        Ratio of the reference's distance to the photograph's.
+        Ratio of the reference's distance to the distance that the photograph was taken from.
     window_px
-        Side of the observer's window on the reference, odd.
+        Side of the observer's window on the reference, an odd number of pixels.
     seed
-        Seed of the bootstrap over images.
+        Seed of the bootstrap over photographs.
     sources
-        What is known of the camera's errors, for the intervals.
+        Errors of the camera, for the intervals.
 
     Raises
     ------
     ArgumentError
-        If the zooms do not rise from 1 or more, or a number or word cannot be.
+        If the zooms do not rise from 1 or more, or another value is not possible.
 
     Examples
     --------
@@ -97,14 +98,14 @@ class DetectionTask:
                 )
         for name in ("noises_dn", "contrasts_dn", "models", "observers"):
             if len(set(getattr(self, name))) < len(getattr(self, name)):
-                raise ArgumentError(f"one is there twice: {getattr(self, name)}", argument=name)
+                raise ArgumentError(f"a value is repeated: {getattr(self, name)}", argument=name)
         if self.window_px % 2 == 0:
             raise ArgumentError(
                 f"expected an odd number, got {self.window_px}", argument="window_px"
             )
 
     def plan(self, psf: Psf | None, images: int) -> SweepPlan:
-        """Return what is measured on each of so many images."""
+        """Return what is measured on each photograph, if there are ``images`` of them."""
         return SweepPlan(
             scenario=Scenario(
                 psf=psf, reference_zoom=self.reference_zoom, window_px=self.window_px

@@ -202,7 +202,7 @@ def _checked(found: float | Float32Array, inside: BoolArray) -> DetectorAnswer:
     bad_px = int(np.count_nonzero(~np.isfinite(seen)))
     if bad_px:
         raise DetectorError(
-            f"its map is not finite at {bad_px} of the {seen.size} px that see the reference",
+            f"its map is not finite at {bad_px} of the {seen.size} px that show the reference",
             reason="not_finite",
         )
     return DetectorAnswer(score=float(seen.max()), map=np.where(inside, found, seen.min()))

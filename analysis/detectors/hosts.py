@@ -354,7 +354,7 @@ class _Child:
 def unlike_the_followup(found: tuple[int, ...], shape: tuple[int, ...]) -> str:
     """Return that a map has another shape than the follow-up."""
     texts = (" x ".join(map(str, one)) for one in (found, shape))
-    return "its map has {} values and the follow-up {} px; return one a pixel".format(*texts)
+    return "its map has {} values and the follow-up {} px; return one per pixel".format(*texts)
 
 
 def _bytes_of(image: Float32Array) -> memoryview:

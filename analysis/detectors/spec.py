@@ -20,10 +20,10 @@ from simulation.arrays import Float32Array, FloatArray
 
 
 class Detector(Protocol):
-    """Says how much changed between two photographs.
+    """A function that says how much changed between two photographs.
 
-    Any function with these arguments is one. The arrays are its own: it may write into them. One
-    with an attribute ``colour = True`` is given colours, see `takes_colour`.
+    Any function with these arguments is a detector. It may write into the arrays. If it has an
+    attribute ``colour = True`` it is given colour photographs, otherwise grey levels.
     """
 
     def __call__(
@@ -34,17 +34,16 @@ class Detector(Protocol):
         Parameters
         ----------
         reference, followup
-            Shape ``(rows, cols)`` each, or ``(rows, cols, 3)`` if it takes colours; rows and cols
-            may differ. Levels linear in light.
+            Levels linear in light, float32, of shape ``(rows, cols)``, or ``(rows, cols, 3)`` if
+            the detector takes colours; the two may differ in size.
         homography
             Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres.
 
         Returns
         -------
         float or array
-            How changed the pair is; or how changed each pixel of the follow-up is, of shape
-            ``(rows, cols)``.
-            Higher is more changed; the scale is the detector's own.
+            One score for the pair, or a score for each pixel of the follow-up, of shape
+            ``(rows, cols)``. The higher, the more has changed; the scale is the detector's own.
         """
         ...
 
@@ -60,16 +59,16 @@ def takes_colour(detector: Detector) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DetectorAnswer:
-    """What a detector says of one pair.
+    """Answer of a detector for one pair.
 
     Parameters
     ----------
     score
-        How changed the pair is: the detector's number, or the largest value of its map among the
-        pixels that see the reference.
+        Score of the pair: the number that the detector returned, or the largest value of its map
+        among the pixels that show the reference.
     map
-        How changed each pixel of the follow-up is, finite; where a pixel does not see the
-        reference, the least value among those that do. None if the detector gives a number.
+        Score of each pixel of the follow-up, finite; for pixels that do not show the reference, the
+        least value of those that do. None if the detector returned a number.
     """
 
     score: float

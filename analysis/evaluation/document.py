@@ -164,7 +164,7 @@ class RocPoints(StoredValues):
 
 
 class FrocPoints(StoredValues):
-    """Share of changes that a mark of the map lies on, against false marks a pair, at one zoom."""
+    """Share of changes that a mark of the map hits, against false marks per pair, at one zoom."""
 
     zoom: float
     false_marks: list[float]
@@ -174,12 +174,12 @@ class FrocPoints(StoredValues):
 class EvaluationCurve(StoredValues):
     """How well a detector tells changed pairs from others, against zoom.
 
-    Lists have a value for each zoom. ``auc`` compares changed pairs with unchanged ones of other
-    photographs, as a threshold does that was set elsewhere, with its 95 % interval over
-    photographs; ``auc_all_pairs`` is Mann and Whitney's share of all pairs; ``tpr`` is the share of
-    changes found at ``fpr`` false alarms; ``pairs`` how many pairs with a change gave a score.
-    ``dprime_bound`` and ``auc_bound`` are those of the ideal linear observer that knows where the
-    change is; null of a change that adds nothing known.
+    Lists have a value for each zoom. ``auc`` compares changed pairs with unchanged pairs of other
+    photographs, as a threshold set elsewhere would, with its 95 % interval over photographs;
+    ``auc_all_pairs`` is the Mann-Whitney statistic of all pairs. ``tpr`` is the share of changes
+    found at a false positive rate of ``fpr``, ``pairs`` the number of pairs with a change that have
+    a score. ``dprime_bound`` and ``auc_bound`` are those of the ideal linear observer that knows
+    where the change is; null if the signal that the change adds is not known.
     """
 
     detector: str
@@ -216,16 +216,16 @@ class EvaluationCurve(StoredValues):
 
     @property
     def name(self) -> str:
-        """The curve in words."""
+        """Detector, tilt, noise and contrast of the curve, in words."""
         return (
             f"{self.detector}, tilt {self.tilt_deg:g} degrees, noise {self.noise_dn:g} DN, "
             f"contrast {self.contrast_dn:g} DN"
         )
 
     def as_d_prime(self) -> DetectabilityCurve:
-        """Return the d' that have the same AUC, for limits; one below 1/2 has none.
+        """Return the curve of d' with the same AUC, for limits; an AUC below 1/2 gives d' = 0.
 
-        An AUC of 1 has an infinite d': the middle of its interval is taken for it.
+        An AUC of 1 would give an infinite d': the middle of its interval is used instead.
         """
         middle = [
             auc if auc < 1 else (low + 1) / 2
@@ -253,9 +253,10 @@ class EvaluationCurve(StoredValues):
 class Evaluation(ResultsDocument):
     """A detector's curves: the document of evaluation.json.
 
-    ``photographs`` gave pairs; ``crops`` is the number of pairs of each kind that were cut from
-    each, for each point, in colour from ``colour_photographs`` of them. ``failed`` are the first
-    pairs without a score, of ``failed_pairs``.
+    ``photographs`` is the number of photographs that gave pairs, ``colour_photographs`` of them in
+    colour; ``crops`` is the number of pairs with a change, and of as many without, cut from each
+    photograph for each point. ``failed_pairs`` is the number of pairs without a score, ``failed``
+    names the first of them.
     """
 
     schema_name: Literal["standoff.evaluation/1"] = Field(
@@ -283,9 +284,9 @@ class Evaluation(ResultsDocument):
         return f"<AUC of {first.name}: {values}; {len(self.curves)} curves>"
 
     def as_d_prime(self) -> DetectabilityCurves:
-        """Return the curves at the least tilt, as limits and poses read them.
+        """Return the curves of d' at the least tilt, in the form that judges limits and poses.
 
-        Other tilts are judged by the local zoom that they bring, as for every curve of d'.
+        Other tilts are judged by the local zoom that they cause, as with any curve of d'.
         """
         least = min(abs(curve.tilt_deg) for curve in self.curves)
         return DetectabilityCurves(
@@ -298,24 +299,24 @@ class Evaluation(ResultsDocument):
 
     @property
     def failed_sentence(self) -> str | None:
-        """What is to be said of pairs without a score."""
+        """Remark on pairs without a score; None if there are none."""
         if not self.failed_pairs:
             return None
         first = self.failed[0]
         count = "1 pair" if self.failed_pairs == 1 else f"{self.failed_pairs} pairs"
-        return f"no score of {count}, the first {first.photograph}, {first.pair}: {first.message}"
+        return f"no score for {count}; the first: {first.photograph}, {first.pair}: {first.message}"
 
     @property
     def too_few_sentence(self) -> str | None:
-        """What is to be said where the photographs are too few for a useful interval."""
+        """Remark if the photographs are too few for a useful interval; None if they are not."""
         if self.photographs >= _ENOUGH_PHOTOGRAPHS:
             return None
         count = (
             "1 photograph says" if self.photographs == 1 else f"{self.photographs} photographs say"
         )
         return (
-            f"{count} little of others, however many pairs are cut; take {_ENOUGH_PHOTOGRAPHS} or "
-            "more"
+            f"{count} little about others, however many pairs are cut; take {_ENOUGH_PHOTOGRAPHS} "
+            "or more"
         )
 
     def _repr_html_(self) -> str:
@@ -324,7 +325,7 @@ class Evaluation(ResultsDocument):
         return html_table("AUC against zoom", ("zoom", *zooms), rows)
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the curves as a pandas table, a line for each curve and zoom.
+        """Return the curves as a pandas table, one row per curve and zoom.
 
         Raises
         ------
@@ -362,12 +363,12 @@ def read_evaluation(path: FilePath) -> Evaluation:
     Parameters
     ----------
     path
-        Of the file, as the result of ``evaluate`` and ``standoff evaluate`` write it.
+        Path of the file, as the result of ``evaluate`` or ``standoff evaluate`` writes it.
 
     Returns
     -------
     Evaluation
-        A detector's curves; ``as_d_prime`` gives those that judge poses.
+        A detector's curves; ``as_d_prime`` returns curves of d', which judge limits and poses.
 
     Raises
     ------

@@ -93,7 +93,7 @@ class PairMaker:
         if self.later is None:
             return
         if self.later.after_dn.shape != self.levels_dn.shape:
-            raise RefusedPhotographError("the photograph of later has another size")
+            raise RefusedPhotographError("the later photograph has another size")
         if 2 * self.later.radius_px > self.task.reference_zoom * self.task.crop_px:
             raise RefusedPhotographError(
                 f"what changed is {2 * self.later.radius_px:.0f} px wide and does not fit into a "

@@ -25,7 +25,7 @@ _LEAST_ALPHA = 0.05
 
 
 class PaintedChange(Protocol):
-    """A change to put into a scene."""
+    """A change to paint into a scene; px are those of the photograph."""
 
     @property
     def name(self) -> str:
@@ -34,7 +34,7 @@ class PaintedChange(Protocol):
 
     @property
     def sigma_px(self) -> float | None:
-        """Width of a Gaussian spot in px of the photograph; None of another change."""
+        """Width (sigma) of a Gaussian spot; None for any other change."""
         ...
 
     @property
@@ -44,7 +44,7 @@ class PaintedChange(Protocol):
 
     @property
     def radius_px(self) -> float:
-        """Distance from its centre within which it is seen."""
+        """Distance from its centre within which it is visible."""
         ...
 
     def painted(
@@ -96,11 +96,11 @@ class Spot(GaussianSignal):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class Patch(Shown, ByValue):
-    """A picture that covers the scene as far as its alpha says, at any subpixel place.
+    """A picture that covers the scene as far as its alpha says, at any subpixel position.
 
-    Where alpha is 1 the scene takes the patch's levels; ``contrast_dn`` scales what it changes, 1
-    being the patch as it is. A grey scene takes the luma of a patch in colour, and all channels of
-    a scene in colour take the levels of a grey patch.
+    Where alpha is 1 the scene takes the patch's levels. ``contrast_dn`` is then a factor on the
+    change: 1 for the patch as it is. A grey scene takes the luma of a colour patch, and all
+    channels of a colour scene take the levels of a grey patch.
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ class Patch(Shown, ByValue):
     alpha
         Shape ``(rows, cols)``, from 0 to 1.
     name
-        What to call it.
+        Name of the change in results.
 
     Raises
     ------
     ArgumentError
-        If the two differ in shape, are not finite, or nothing is covered.
+        If levels and alpha differ in shape or are not finite, or nothing is covered.
     """
 
     levels_dn: FloatArray
@@ -143,7 +143,7 @@ class Patch(Shown, ByValue):
 
     @property
     def radius_px(self) -> float:
-        """Distance from the middle of its farthest opaque pixel."""
+        """Distance of its farthest opaque pixel from its middle."""
         y, x = np.nonzero(self.alpha > _LEAST_ALPHA)
         rows, cols = self.alpha.shape
         return float(np.hypot(y - (rows - 1) / 2, x - (cols - 1) / 2).max()) + 0.5
@@ -182,7 +182,7 @@ class Patch(Shown, ByValue):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LaterScene:
-    """The same scene as photographed later from the same pose, where a mask says that it changed.
+    """The scene as photographed later from the same pose, where a mask says that it changed.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ class LaterScene:
 
     @property
     def radius_px(self) -> float:
-        """Distance from the middle of the farthest changed pixel."""
+        """Distance of the farthest changed pixel from the middle."""
         y, x = np.nonzero(self.mask)
         return float(np.hypot(x - x.mean(), y - y.mean()).max()) + 0.5
 
@@ -255,7 +255,7 @@ class Condition:
 
     @property
     def name(self) -> str:
-        """The condition in words."""
+        """Zoom, tilt, noise and contrast of the condition, in words."""
         return (
             f"zoom {self.zoom:g}, tilt {self.tilt_deg:g} degrees, noise {self.noise_dn:g} DN, "
             f"contrast {self.contrast_dn:g}"
@@ -271,38 +271,39 @@ class EvaluationTask:
     zooms
         Ratios of the follow-up's distance to the reference's, rising, from 1.
     tilts_deg
-        Tilts of the follow-up about the middle of a crop; other than 0 they need
-        ``focal_length_px`` and one of ``simulation.choices.POSE_MODELS``.
+        Tilts of the follow-up about the middle of a crop; a tilt other than 0 needs
+        ``focal_length_px`` and the model ``matched`` or ``lmmse``.
     noises_dn
         Standard deviations of white noise, added to each channel of both photographs.
     contrasts_dn
-        Peaks of a spot in DN; of a patch, how much of what it changes.
+        For a spot, its peaks in DN; for a patch, factors on what it changes, 1 for the patch as it
+        is.
     change
-        What changes.
+        The change that is painted into the follow-ups, such as `Spot` or `Patch`.
     model
         Capture model.
     reference_zoom
-        Ratio of the reference's distance to the photographs'; 1 takes the photographs as
-        references, with the noise that is in them.
+        Ratio of the reference's distance to the photographs'; with 1, the photographs are the
+        references, and keep their own noise.
     crop_px
-        Side of the reference of a pair.
+        Side of the reference of a pair, in px.
     crops
-        Pairs without and pairs with a change that are cut from each photograph, for each
-        condition.
+        Number of pairs without a change, and of as many with one, that are cut from each photograph
+        for each condition.
     focal_length_px
-        Of the camera, for tilts.
+        Focal length of the camera in px, for tilts.
     focus_scatter_px2
         Standard deviation of what the focus of either photograph adds to the PSF's variance.
     light_scatter
-        Standard deviation of the follow-up's exposure, relative, the same for all channels.
+        Relative standard deviation of the follow-up's exposure, the same for all channels.
     seed
-        Of all that is random.
+        Seed of all random numbers.
 
     Raises
     ------
     ArgumentError
-        If a value is out of range, a tilt has no focal length or no model, or a follow-up would
-        be smaller than 16 px.
+        If a value is out of range, a tilt lacks a focal length or a model that can tilt, or a
+        follow-up would be smaller than 16 px.
 
     Examples
     --------
@@ -361,7 +362,7 @@ class EvaluationTask:
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
-        """Every combination, the contrasts of one pose and noise together."""
+        """All combinations of pose, noise and contrast; the contrasts of one pose are adjacent."""
         return tuple(
             Condition(zoom=zoom, tilt_deg=tilt, noise_dn=noise, contrast_dn=contrast)
             for tilt, zoom, noise, contrast in product(
@@ -370,11 +371,11 @@ class EvaluationTask:
         )
 
     def followup_px(self, zoom: float) -> int:
-        """Side of a follow-up."""
+        """Side of a follow-up in px."""
         return floor(self.crop_px / zoom + 1e-9)
 
     def scene_px(self, sigma_px: float) -> int:
-        """Side of the part of a photograph that a pair needs, the reach of all kernels included."""
+        """Side in px of the part of a photograph that a pair needs, with the reach of kernels."""
         widest = self.reference_zoom * self.zooms[-1]
         leaning = float(1 / np.cos(np.radians(max(map(abs, self.tilts_deg)))) ** 2)
         margin = ceil(_MARGIN_SIGMAS * sigma_px * widest + _TAPS_PX * widest)
@@ -383,7 +384,7 @@ class EvaluationTask:
         return side + (side - self.crop_px) % 2
 
     def key(self, psf: Psf | None, detector: str, reading: str) -> str:
-        """Text that differs where pairs or scores would."""
+        """Text that differs between tasks whose pairs or scores would differ."""
         change: object = [self.change.name, self.change.sigma_px]
         if isinstance(self.change, Patch):
             layers = np.atleast_3d(self.change.levels_dn), np.atleast_3d(self.change.alpha)

@@ -102,10 +102,10 @@ class FollowupPose:
     """Where a follow-up is taken from; its reference looks at the plane's origin.
 
     ``zoom``: ratio of its distance to the reference's, each along its optical axis. ``tilt_deg,
-    reference_tilt_deg``: angles between the optical axis and the plane's normal; the reference
-    leans along x. ``direction_deg``: where the follow-up leans, from the reference's lean; None for
-    the worst direction. ``aim_px``: pixel ``(x, y)`` of the reference that the middle of the
-    follow-up shows; by default the reference's own middle.
+    reference_tilt_deg``: angles between the optical axis and the plane's normal; the reference is
+    tilted along x. ``direction_deg``: direction of the follow-up's tilt, from that of the
+    reference; None for the worst direction. ``aim_px``: pixel ``(x, y)`` of the reference that the
+    middle of the follow-up shows; by default the middle of the reference.
     """
 
     zoom: float = 1.0
@@ -328,19 +328,32 @@ _SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class PoseLimits:
-    """Movement that keeps d' at the threshold or above, everywhere in the overlap.
+    """Camera movement that keeps d' at the threshold or above, everywhere in the overlap.
 
-    ``zoom``: largest ratio of the distances for a straight move back, without any tilt.
-    ``is_zoom_beyond_curve``: d' is above the threshold up to the curve's end: the true limit is
-    larger. ``zoom_interval_95``: of ``zoom``, from the interval of d'; its ends are None where the
-    threshold is never reached, or not left before the curve ends. ``tilt_deg``: largest tilt at
-    equal distances, up to 75 degrees, in the direction asked for or in whichever is the worst; None
-    if there is none. ``tilt_interval_95_deg``: of ``tilt_deg``, likewise. ``zoom_by_tilt``: tilt in
-    degrees and the largest ratio of the distances with it, None if there is none.
-    ``overlap_by_shift``: sideways movement as a share of the field of view's width, and the share
-    of the frame that remains; the sampling does not change. ``aim_px, aimed_overlap``: pixel of the
-    reference that the middle of the follow-up shows, if it is another than the middle; and how much
-    of a follow-up from the same distance, leaning as the reference does, the reference then covers.
+    Parameters
+    ----------
+    curve, min_d_prime
+        The curve of d', and its threshold.
+    zoom
+        Largest ratio of the distances when the camera moves straight back, without any tilt.
+    is_zoom_beyond_curve
+        Whether d' is above the threshold up to the end of the curve: the true limit is then larger.
+    tilt_deg
+        Largest tilt at equal distances, up to 75 degrees, in the direction asked for or else in the
+        worst one; None if no tilt is allowed.
+    zoom_by_tilt
+        Tilts in degrees, each with the largest ratio of the distances at that tilt, None if there
+        is none.
+    overlap_by_shift
+        Sideways movements as a share of the field of view's width, each with the share of the frame
+        that remains in view; they do not change the sampling.
+    zoom_interval_95, tilt_interval_95_deg
+        Intervals of ``zoom`` and ``tilt_deg``, from the interval of d'; an end is None where d' is
+        never at the threshold, or still above it where the curve ends.
+    aim_px, aimed_overlap
+        Pixel ``(x, y)`` of the reference that the middle of the follow-up shows, None for its
+        middle; and the share that the reference then covers of a follow-up from the same distance
+        and with the same tilt.
     """
 
     curve: DetectabilityCurve

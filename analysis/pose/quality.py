@@ -1,6 +1,6 @@
 """Whether a follow-up's pose is good enough: a map of d' over the frame, and a verdict.
 
-Go, no go or unsure is what the errors of d' make of a threshold.
+The verdict is go, no go or unsure, by the probability that d' reaches the threshold.
 """
 
 from dataclasses import dataclass, replace
@@ -64,18 +64,19 @@ class PoseDecision(StoredValues):
     Parameters
     ----------
     verdict
-        ``go`` or ``no go`` where that is right with 95 %, else ``unsure``.
+        ``go`` if d' reaches the threshold with a probability of 95 % or more, ``no go`` if with 5 %
+        or less, otherwise ``unsure``.
     probability
-        That d' reaches the threshold.
+        Probability that d' reaches the threshold.
     dprime_interval_95
-        Of the decisive d'.
+        95 % interval of the decisive d'.
     budget
-        Shares of the sources in the variance of ln d', the largest first.
+        Shares of the sources of error in the variance of ln d', the largest first.
     unknown_sources
-        Sources of which nothing is known, and which neither interval nor verdict holds.
+        Sources of error that are not known and that neither interval nor verdict includes.
     focus_turning_px2
-        Where the scatter of the focus is not known: the one from which on the verdict is another;
-        None where none up to 1 px^2 turns it.
+        If the focus scatter is not known: the least scatter that would change the verdict; None if
+        none up to 1 px^2 would.
     """
 
     verdict: Verdict
@@ -87,7 +88,7 @@ class PoseDecision(StoredValues):
 
     @property
     def sentence(self) -> str:
-        """The verdict's probability, what decides it, and what would make it surer."""
+        """The probability of the verdict, what decides it, and what would make it more certain."""
         low, high = self.dprime_interval_95
         said = f"{self.probability_text}; d' {low:.2f} to {high:.2f} (95 %)"
         if not self.budget or self.budget[0].share == 0:
@@ -95,7 +96,7 @@ class PoseDecision(StoredValues):
         first = self.budget[0]
         said += f", {100 * first.share:.0f} % of it from {SOURCE_WORDS[first.source]}"
         if self.verdict == "unsure":
-            said += f"; {_REMEDIES[first.source]} would shrink it"
+            said += f"; {_REMEDIES[first.source]} would narrow it"
         return said
 
     @property
@@ -103,18 +104,18 @@ class PoseDecision(StoredValues):
         """The probability in words, never as certain as a rounded 100 %."""
         percent = 100 * self.probability
         if percent > 99.9:
-            return "d' reaches the threshold with more than 99.9 %"
+            return "d' reaches the threshold with a probability of more than 99.9 %"
         if percent < 0.1:
-            return "d' reaches the threshold with less than 0.1 %"
-        return f"d' reaches the threshold with {percent:.3g} %"
+            return "d' reaches the threshold with a probability of less than 0.1 %"
+        return f"d' reaches the threshold with a probability of {percent:.3g} %"
 
     @property
     def unknown_sentence(self) -> str | None:
-        """What the verdict does not hold; None where all sources are known."""
+        """The errors that the verdict does not include; None if all sources are known."""
         if not self.unknown_sources:
             return None
         named = " and ".join(SOURCE_WORDS[name] for name in self.unknown_sources)
-        said = f"not in it, as nothing is known of it: {named}"
+        said = f"unknown, and so not included: {named}"
         if "focus" not in self.unknown_sources:
             return said
         if self.focus_turning_px2 is None:
@@ -195,30 +196,31 @@ class PoseSummary(Shown, StoredValues):
     Parameters
     ----------
     is_accepted, criterion, min_dprime, curve
-        The verdict, and what it was judged by.
+        Whether the pose is accepted; criterion, threshold and curve by which it was judged.
     is_upper_bound
         Whether d' is an upper bound; always true.
     dprime_decisive, dprime_min, dprime_max
-        What the criterion looked at; the least and the largest d' of the overlap.
+        The d' that the criterion compares with the threshold; the least and the largest d' in the
+        overlap.
     zoom_min, zoom_max, anisotropy_max
-        Of the local sampling in the overlap.
+        Extremes of the local zoom in the overlap, and of its ratio between two directions.
     overlap
         Share of the follow-up that the reference covers.
     beyond_curve
         Share of the overlap whose local zoom the curve does not reach.
     homography, registration_correlation
-        The pose, for a distorting lens the homography nearest to it; and how well the images agreed
-        on it where they were registered.
+        The homography, for a distorting lens the one nearest to the pose; and the correlation of
+        the two photographs, None if they were not registered.
     warnings
-        Sentences on what to check of the alignment.
+        Sentences on what to check in the alignment.
     verdict, probability, dprime_interval_95, budget, unknown_sources, focus_turning_px2
-        How sure that is, as in `PoseDecision`; None in documents of before.
+        How sure the verdict is, as in `PoseDecision`; None in older documents.
     detection_limit
-        What a comparison of the two photographs would have found, where they were compared.
+        What a comparison of the two photographs would have found; None if they were not compared.
     picture
         Name of the map that was drawn.
     provenance
-        Where a printed verdict comes from.
+        Program, arguments and input files that the verdict was made with.
     """
 
     is_accepted: bool
@@ -250,14 +252,24 @@ class PoseSummary(Shown, StoredValues):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PoseQuality(ByValue):
-    """Verdict on a pose.
+    """Verdict on a pose, with a map of d' over the follow-up.
 
-    ``matrix, curve``: the pose and the curve it was judged by. ``sampling``: how densely the
-    follow-up samples the reference, by position. ``d_prime``: shape of the sampling's maps; an
-    upper bound; 0 where the local zoom lies beyond the curve, NaN outside the reference.
-    ``decisive_d_prime``: what the criterion looks at: the least value, or the quantile.
-    ``beyond_curve``: share of the overlap whose local zoom the curve does not reach. ``decision``:
-    how sure the verdict is.
+    Parameters
+    ----------
+    matrix, curve
+        The homography, and the curve by which it was judged.
+    sampling
+        How densely the follow-up samples the reference, by position.
+    d_prime
+        Map of d' in the shape of the maps of ``sampling``; an upper bound; 0 where the local zoom
+        is beyond the curve, NaN outside the reference.
+    decisive_d_prime
+        The value that the criterion compares with the threshold ``min_d_prime``: the least d', or
+        its quantile.
+    beyond_curve
+        Share of the overlap whose local zoom the curve does not reach.
+    decision
+        How sure the verdict is.
     """
 
     matrix: FloatArray
@@ -359,7 +371,7 @@ def read_pose(path: FilePath) -> PoseSummary:
     Parameters
     ----------
     path
-        Of the file: its output, or ``to_json`` of the result of ``pose_quality``.
+        Path of a file with that output, or with ``to_json`` of the result of ``judge_pose``.
 
     Returns
     -------
@@ -399,17 +411,17 @@ _POSE_SERIES_SCHEMA: Final = "standoff.pose-summary/1"
 
 
 class JudgedFollowup(StoredValues):
-    """One follow-up: a line of poses.csv, which leaves out the homography.
+    """One follow-up: a row of poses.csv, which leaves out the homography.
+
+    Values that are not described here are those of `PoseSummary`; None if the follow-up could not
+    be judged.
 
     Parameters
     ----------
     followup, sha256
         The file, and the hash of its bytes if it could be read.
-    is_accepted, dprime_decisive, dprime_min, dprime_max, zoom_min, zoom_max, anisotropy_max,
-    overlap, beyond_curve, registration_correlation, homography, verdict, probability
-        As in `PoseSummary`; None if it could not be judged.
     refused
-        Why it could not.
+        Why it could not be judged; None if it was.
     """
 
     followup: str
@@ -431,7 +443,7 @@ class JudgedFollowup(StoredValues):
 
     @classmethod
     def of(cls, followup: str, sha256: str | None, judged: PoseSummary) -> Self:
-        """Take the verdict's own figures."""
+        """Return the follow-up with the figures of its verdict."""
         own = judged.model_dump(include=set(cls.model_fields))
         return cls(followup=followup, sha256=sha256, **own)
 
@@ -439,9 +451,9 @@ class JudgedFollowup(StoredValues):
 class PoseSeries(ResultsDocument):
     """Several follow-ups of one reference, in the order of their paths.
 
-    ``accepted``, ``rejected`` and ``refused`` are numbers of follow-ups; a refused one could not
-    be read or registered, and ``unsure`` counts those accepted or rejected without being sure. The
-    provenance lists what they share; each follow-up has its own hash.
+    ``accepted``, ``rejected`` and ``refused`` are numbers of follow-ups; a refused one could not be
+    read or registered. ``unsure`` is the number of those, accepted or rejected, whose verdict is
+    ``unsure``. The provenance lists the shared inputs; each follow-up has its own hash.
     """
 
     schema_name: Literal["standoff.pose-summary/1"] = Field(
@@ -459,7 +471,7 @@ class PoseSeries(ResultsDocument):
     followups: tuple[JudgedFollowup, ...] = ()
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the follow-ups as a pandas table, a line each.
+        """Return the follow-ups as a pandas table, one row per follow-up.
 
         Raises
         ------
@@ -476,7 +488,7 @@ def read_pose_series(path: FilePath) -> PoseSeries:
     Parameters
     ----------
     path
-        Of the file, in the folder of ``judge_poses``.
+        Path of the file, in the folder that ``judge_poses`` wrote.
 
     Returns
     -------
@@ -502,7 +514,7 @@ _SAME = 0.005  # relative; a zoom of half a per cent is not worth a word
 
 
 def describe_pose(pose: DistortedPose) -> str:
-    """Say where a follow-up was taken from, against its reference, in an operator's words."""
+    """Say where a follow-up was taken from, relative to its reference, in an operator's words."""
     rows, cols = pose.followup_shape
     middle_y, middle_x = (rows - 1) / 2, (cols - 1) / 2
     y, x = pose.to_reference_px(

@@ -20,7 +20,7 @@ from simulation.arrays import AnyArray, FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseVerdict:
-    """What one frame's pose allows.
+    """Verdict on the pose of one frame.
 
     Parameters
     ----------
@@ -30,11 +30,12 @@ class PoseVerdict:
         ``go``, ``no go`` or ``unsure``, and the probability that d' reaches the threshold; ``no
         go`` and None where the pose is not known.
     dprime
-        What the criterion looks at, an upper bound; None where the pose is not known.
+        The d' that the criterion compares with the threshold, an upper bound; None where the pose
+        is not known.
     margin
         ``dprime / threshold - 1``: 0.1 is ten per cent above it; None where the pose is not known.
     reason
-        One line for the operator: why, and what to do.
+        Reason for the verdict and what to do, in one line for the operator.
     homography
         Shape (3, 3): frame pixel centres ``(x, y, 1)`` to reference pixel centres, or None.
     zoom
@@ -235,7 +236,11 @@ def _side(down: float, across: float) -> str:
 
 @dataclass(slots=True)
 class StreamSummary:
-    """What became of the frames; ``followed_s`` is the computing time between anchors."""
+    """Counts of the frames of a stream by verdict, and the verdicts that were kept.
+
+    ``unknown`` frames have no known pose; in ``anchors`` the whole frame was searched for the
+    reference. ``followed_s`` is the computing time of all other frames, in s.
+    """
 
     frames: int = 0
     accepted: int = 0
@@ -259,6 +264,6 @@ class StreamSummary:
 
     @property
     def frames_per_s(self) -> float | None:
-        """Frames per second between anchors, computing time only; None without any."""
+        """Frames per second of computing time, without anchors; None if all were anchors."""
         followed = self.frames - self.anchors
         return followed / self.followed_s if followed else None

@@ -279,7 +279,7 @@ def limit_figure(found: ChangeResult) -> ReportFigure | None:
     bar.ax.yaxis.set_minor_locator(LogLocator(subs=()))
     caption = (
         f"Amplitude at which a spot of {size_text(limit.mapped, limit)} is found "
-        f"{100 * limit.power:.0f} times of 100. Grey: not compared."
+        f"{100 * limit.power:.0f} times out of 100. Grey: not compared."
     )
     return ReportFigure.of(figure, caption, form="png")
 

@@ -123,8 +123,8 @@ def _time_line_section(line: ChangeTimeLine, reference_dn: AnyArray | None) -> R
     return ReportSection.of(
         "Time line",
         f"Follow-ups are in the order of {order}. A track is a change at the same place of the "
-        "reference and of the same sign; where the list of a follow-up does not have it, the "
-        "amplitude that is excluded at 95 % stands in its stead.",
+        "reference and of the same sign; where it is not in the list of a follow-up, the amplitude "
+        "that is excluded at 95 % is shown instead.",
         _tracks_table(line),
         None
         if reference_dn is None

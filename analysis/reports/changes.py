@@ -38,7 +38,7 @@ _LISTED = 200
 _KERNELS = {
     "calibrated": "from psf.json and the pose",
     "pair": "fitted to the two photographs",
-    "both": "fitted to the two photographs, held to psf.json as far as that is sure",
+    "both": "fitted to the two photographs, constrained to psf.json within its errors",
 }
 _LEAST_Q = 1e-6
 
@@ -105,8 +105,8 @@ def _comparison_sentence(summary: ChangeSummary) -> str:
         )
     return (
         f"{summary.changed_px} of {summary.compared_px} pixels differ by more than "
-        f"{summary.threshold_sd:.2f} standard deviations; chance alone makes "
-        f"{summary.false_alarms_px:g} a frame"
+        f"{summary.threshold_sd:.2f} standard deviations; by chance alone, expect "
+        f"{summary.false_alarms_px:g} per frame"
     )
 
 
@@ -163,10 +163,10 @@ def limit_section(limit: DetectionLimit, limit_map: ReportFigure | None) -> Repo
         )
     return ReportSection.of(
         "What would have been found",
-        f"The amplitude that a Gaussian spot needs to be found {100 * limit.power:.0f} times of "
-        "100, at the stated false alarms. The width is the spot's as the follow-up shows it; it "
-        "is listed if it stands out at any of the filters. What is no spot, such as a line, is "
-        "found at a lower amplitude if it is longer, and at a higher one if it is narrower.",
+        f"The amplitude that a Gaussian spot needs to be found {100 * limit.power:.0f} times out "
+        "of 100, at the stated false alarms. The width is that of the spot in the follow-up; it is "
+        "listed if it stands out at any of the filters. Other shapes, such as a line, are found at "
+        "a lower amplitude if they are longer, and at a higher one if they are narrower.",
         limit_map,
         ReportTable.of(
             limit.spots,

@@ -44,7 +44,7 @@ _LISTED_SECTIONS = 6  # fewer are soon seen
 _WIDE_COLUMNS = 11  # that fit on the short side of A4 at 8 pt
 
 
-CONVENTION = "Uncertainties are 95 % intervals: ± is half of one, bars and bands are whole ones."
+CONVENTION = "Uncertainties are 95 % intervals: ± gives half the width, bars and bands all of it."
 
 
 @dataclass(frozen=True, slots=True)

@@ -227,7 +227,7 @@ def _edges_section(
     if len(found) > 1:
         text = (
             "Every straight edge that was found and fitted, with its MTF50 in cy/px; long ones are "
-            "cut into pieces. Labels that would overlap are left out, never those of the softest "
+            "cut into pieces. Labels that would overlap are left out, except those of the softest "
             "and the sharpest edge."
         )
     is_cut = len(by_image) > len(shown)

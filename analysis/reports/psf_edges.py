@@ -274,8 +274,8 @@ def curves_section(psf: PsfCalibration) -> ReportSection | None:
     pages = [shown[k : k + per_figure] for k in range(0, len(shown), per_figure)]
     return ReportSection.of(
         "Curves of the edges",
-        "Distances run from the dark to the bright side, across the edge; the dashed curve is "
-        "the fitted Gaussian with its pixel, the solid one the e-SFR's, which assumes no shape.",
+        "Distances run across the edge, from the dark to the bright side. The dashed curve is "
+        "the fitted Gaussian, pixel included; the solid one is the e-SFR, which assumes no shape.",
         f"{len(shown)} of {len(known)} edges are shown: the softest, the sharpest and others "
         "spread over the frame. The table that --csv writes has the SFR of all of them."
         if len(shown) < len(known)

@@ -466,8 +466,8 @@ def lateral_colour_section(psf: PsfCalibration) -> ReportSection | None:
     has_image = len({edge.image for edge in psf.edges}) > 1
     return ReportSection.of(
         "Lateral colour",
-        "The same edge, fitted in red, green and blue: how far red and blue stand from green along "
-        "its normal, positive away from the centre of the frame.",
+        "Each edge was fitted in red, green and blue: how far red and blue are shifted from green "
+        "along its normal, positive away from the centre of the frame.",
         ReportTable.of(
             edges if is_few else largest,
             {

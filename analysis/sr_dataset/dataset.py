@@ -54,11 +54,12 @@ _SAMPLE_BYTES = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class SrDatasetSummary(Shown):
-    """What a run made, or found done by earlier ones.
+    """Counts of a data set of training pairs, over this run and earlier ones.
 
-    ``images`` are all that were given, ``copies`` those with the content of another one.
-    ``refused`` says for the first ten images without pairs why they have none, ``refused_list``
-    names the file that says it for all ``refused_images``.
+    ``train`` and ``test`` are numbers of pairs. ``images`` is the number of all photographs given,
+    ``images_found_done`` of those that an earlier run had done, ``copies`` of those with the same
+    content as another one, ``refused_images`` of those without pairs. ``refused`` says for the
+    first ten of these why they have none, ``refused_list`` is the file that says it for all.
     """
 
     train: int
@@ -324,9 +325,7 @@ def _copies(call: SweepCall, manifest: Manifest, state: Path) -> set[int]:
             file.write(f"{on_one_line(copy)} = {on_one_line(first)}\n".encode())
     if found:
         are = "image has" if len(found) == 1 else "images have"
-        call.note(
-            f"{len(found)} {are} the content of another, and no pairs of their own; see {listed}"
-        )
+        call.note(f"{len(found)} {are} the content of another, and give no pairs; see {listed}")
     else:
         listed.unlink(missing_ok=True)
     return found

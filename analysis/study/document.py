@@ -1,4 +1,4 @@
-"""study.json: what a planned session will know, and what it would take to know more."""
+"""study.json: predicted errors of a planned session, and what it would take to reduce them."""
 
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -49,8 +49,8 @@ class BudgetShare(StoredValues):
 class PredictedQuantity(StoredValues):
     """One quantity with its predicted standard error and 95 % interval.
 
-    ``value`` is what is known of it today, null where nothing is; ``undetermined`` says why there
-    is no error. ``half_width_95`` is half the interval, in standard errors 1.96, or Student's where
+    ``value`` is the value known today, null if none is; ``undetermined`` says why there is no
+    error. ``half_width_95`` is half the interval: 1.96 standard errors, or Student's quantile where
     the calibration will estimate the scatter of the heights.
     """
 
@@ -65,11 +65,11 @@ class PredictedQuantity(StoredValues):
 
 
 class StudyNeeds(StoredValues):
-    """What would give a wanted error, each alone; null where it cannot.
+    """Changes of the plan that would give a wanted error, each one alone; null if it cannot.
 
-    ``frames_per_capture`` and ``edges`` instead of those of the plan, ``session_runs`` of the whole
-    plan instead of one, ``photographs`` of the scene in all. With ``is_together`` it takes what is
-    not null together.
+    ``frames_per_capture`` and ``edges`` replace those of the plan, ``session_runs`` is how often to
+    run the whole plan, ``photographs`` the number of photographs of the scene in all. With
+    ``is_together``, all changes that are not null are needed together.
     """
 
     frames_per_capture: int | None = None
@@ -80,7 +80,7 @@ class StudyNeeds(StoredValues):
 
 
 class StudiedWant(StoredValues):
-    """A wanted 95 % half-width: relative for sigma, transfer and d', else in its unit.
+    """A wanted 95 % half-width: relative for sigma, transfer and d', else in the quantity's unit.
 
     ``predicted`` is the half-width that the plan gives; null where it gives none.
     """
@@ -95,7 +95,7 @@ class StudiedWant(StoredValues):
 
 
 class PlanStudy(ResultsDocument):
-    """What a planned capture session will know, and what it would take to know what is wanted."""
+    """Predicted errors of a planned capture session, and what the wanted errors would take."""
 
     schema_name: Literal["standoff.study/1"] = Field(default=STUDY_SCHEMA, alias="schema")
     predicted: tuple[PredictedQuantity, ...]
@@ -115,7 +115,7 @@ class PlanStudy(ResultsDocument):
         return next(one for one in self.predicted if one.quantity == quantity)
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the predicted quantities as a pandas table, a line each.
+        """Return the predicted quantities as a pandas table, one row per quantity.
 
         Raises
         ------
@@ -146,12 +146,12 @@ def read_study(path: FilePath) -> PlanStudy:
     Parameters
     ----------
     path
-        Of the file, as ``write_study`` and ``standoff plan-study`` write it.
+        Path of the file, as ``write_study`` and ``standoff plan-study`` write it.
 
     Returns
     -------
     PlanStudy
-        What a planned session will know; what there was to note stands in no file.
+        The study, without its ``notes``, which are not stored in the file.
 
     Raises
     ------

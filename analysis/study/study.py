@@ -121,7 +121,7 @@ class Prediction:
 
 _NO_EDGES = "the plan has no capture of kind edge"
 _NO_BOARD = "the plan has no captures of kind board at two heights in which 12 corners are in view"
-_NO_LIMIT = "within zoom 2.5 nothing limits it, or d' is below the threshold at equal poses"
+_NO_LIMIT = "up to zoom 2.5 nothing limits it, or d' is below the threshold at equal poses"
 _NO_CAMERA = "the size of the frame is not known: give the bench a region_px"
 
 
@@ -401,7 +401,7 @@ def next_step(
     if open_:
         return max(open_, key=lambda one: (one.predicted or float("inf")) / one.wanted).sentence
     if wants:
-        return "Run the plan: it gives all that is wanted."
+        return "Run the plan: it is enough for everything that is wanted."
     for name in ("dprime", "sigma", "pupil"):
         asked = [one for one in predictions if one.quantity in QUANTITIES[name]]
         probe = Want(name=name, half_width=1.0)
@@ -515,7 +515,7 @@ def _order(lever: _Lever, wanted: int, size: PlanSize) -> str:
     if lever == "frames":
         return f"Average {wanted} frames a capture instead of {size.frames}"
     if lever == "runs":
-        return f"Run the plan {wanted} times, focusing anew"
+        return f"Run the plan {wanted} times, refocusing each time"
     return f"Photograph {wanted} edges instead of {size.edges}"
 
 
@@ -530,7 +530,7 @@ def _bounded(want: Want, prediction: Prediction, needs: StudyNeeds) -> str:
     if needs.frames_per_capture is not None or focus == 0:
         return ""
     half_width = prediction.half_width_factor * sqrt(focus) / _scale(prediction, want)
-    return f"; frames alone end at {want.text(half_width)}, which the focus leaves"
+    return f"; more frames alone reach {want.text(half_width)} at best, because of the focus"
 
 
 def _bound(want: Want, prediction: Prediction) -> str:

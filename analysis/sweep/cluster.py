@@ -196,7 +196,7 @@ class _Workers:
     def _submitted(self, batch: Batch, *, is_looked_for: bool = True) -> Dask:
         if any(is_own_memory(item.path) for item in batch.items):
             raise SweepError(
-                "memory:// is this process's own, and other processes see none of it; work "
+                "memory:// is this process's own, and other processes cannot see it; work "
                 "without --workers and --scheduler"
             )
         there = [

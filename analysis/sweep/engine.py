@@ -1,4 +1,4 @@
-"""Runs a sweep: finds what is done, has the rest done, lists what was refused."""
+"""Runs a sweep over photographs: finds what is done, does the rest, lists what was refused."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -24,25 +24,27 @@ _Executor = Callable[[Iterator[Batch], SweepWork], Iterator[tuple[Batch, list[Wr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepOptions:
-    """Who works, and on what part.
+    """Number of worker processes, and the part of the photographs that they do.
 
     Parameters
     ----------
     workers
-        Processes on this machine; 1 works in this one.
+        Number of processes on this machine; with 1, the calling process does the work.
     scheduler
-        Address of a Dask scheduler, ``tcp://host:port``, in place of ``workers``.
+        Address of a Dask scheduler, ``tcp://host:port``, to use instead of ``workers``.
     part
-        ``(k, n)``: only the k-th of n parts, for queues of jobs that share the state.
+        ``(k, n)``: do only the k-th of n parts, k from 1, for several jobs that share their
+        results.
     strict
-        Whether the first refused photograph ends the sweep.
+        Whether the first photograph that cannot be used ends the sweep with an error; by default
+        it is left out and listed.
     workers_gone_s
-        Longest time without any worker.
+        Time in s without any worker after which the sweep ends with an error.
 
     Raises
     ------
     ArgumentError
-        If there is no such part, or no worker.
+        If ``part`` does not exist, or another value is out of range.
 
     Examples
     --------
@@ -68,7 +70,7 @@ class SweepOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class SweepSummary(Shown):
-    """What a sweep gave.
+    """Counts of a sweep over photographs.
 
     Parameters
     ----------
@@ -149,7 +151,7 @@ def run_sweep(
     Raises
     ------
     SweepError
-        If no worker is fit, or, when strict, a photograph is refused.
+        If no usable worker is available, or, with ``strict``, a photograph cannot be used.
     ResultsFileError
         If the state cannot be written.
     """

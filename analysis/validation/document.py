@@ -36,7 +36,7 @@ _Row3 = tuple[float, float, float]
 
 
 class CurveDifference(StoredValues):
-    """Mean squared differences between curves over the zoom, one for each metric."""
+    """Mean squared differences between curves against zoom, one for each metric."""
 
     correlation: float
     mse_dn2: float
@@ -126,7 +126,7 @@ class ModelAgreement(StoredValues):
         Processed reference against the processed simulated follow-up, aligned to it: a point of
         the curves of Figure 3.
     agreement
-        Processed captured follow-up against the processed simulated one: what Table II averages.
+        Processed captured follow-up against the processed simulated one, averaged in Table II.
     """
 
     alignment: Procedure
@@ -139,10 +139,10 @@ class ValidatedPair(StoredValues):
     """A pair of captures, their metrics, and those of every model and procedure.
 
     ``reference`` and ``followup`` are the indices of their captures. ``captured_curves`` compare
-    the processed reference with the processed captured follow-up. ``chi2_reduced`` has for each
-    model the mean square of captured minus simulated over what noise, PSF, focus, alignment and the
-    model's stated error explain, on the captured pixels; it is empty where the noise of a capture
-    is not known, and in files of before.
+    the processed reference with the processed captured follow-up. ``chi2_reduced`` has, for each
+    model, the mean square of captured minus simulated on the captured pixels, relative to what
+    noise, PSF, focus, alignment and the model's stated error explain; it is empty if the noise of a
+    capture is not known, and in older files.
     """
 
     target: str
@@ -240,10 +240,10 @@ class Validation(ResultsDocument):
         return {row.model: row for row in self.table_2 if row.alignment == alignment}
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the pairs as a pandas table, a line for each pair, procedure and model.
+        """Return the pairs as a pandas table, one row per pair, procedure and model.
 
-        Metrics stand in ``agreement.NAME`` (what Table II averages) and ``curve.NAME`` (Figure 3);
-        ``chi2_reduced`` is of the model, whatever the procedure.
+        Metrics are in the columns ``agreement.NAME``, which Table II averages, and ``curve.NAME``,
+        for Figure 3; ``chi2_reduced`` is that of the model, whatever the procedure.
 
         Raises
         ------
@@ -284,7 +284,7 @@ def read_validation(path: FilePath) -> Validation:
     Parameters
     ----------
     path
-        Of the file, in the folder of ``validate`` and ``standoff validate``.
+        Path of the file, in the folder that ``validate`` or ``standoff validate`` wrote.
 
     Returns
     -------
@@ -324,8 +324,8 @@ def fit_remarks(pairs: Sequence[ValidatedPair], models: Sequence[ValidationModel
         return
     if len(known) < len(pairs):
         yield (
-            f"{len(pairs) - len(known)} of {len(pairs)} pairs have captures of a single frame: "
-            "without their noise, how well the models fit is not known"
+            f"{len(pairs) - len(known)} of {len(pairs)} pairs have captures of a single frame: as "
+            "their noise is unknown, so is how well the models fit"
         )
     model = min(physical, key=lambda one: sum(pair.chi2_reduced[one] for pair in known))
     worst = sorted(known, key=lambda pair: -pair.chi2_reduced[model])
@@ -341,7 +341,7 @@ def fit_remarks(pairs: Sequence[ValidatedPair], models: Sequence[ValidationModel
     yield (
         f"model {model} does not fit {len(beyond)} of {len(known)} pairs: more is left than noise, "
         "PSF, alignment and the model's own error explain, worst (reduced chi-squared) "
-        f"{named}{more}; check whether the PSF is that of this lens, and focus and light"
+        f"{named}{more}; check that the PSF is that of this lens, and check focus and light"
     )
 
 

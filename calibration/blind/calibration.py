@@ -340,7 +340,7 @@ def _why_not(near: EdgeImage, far: EdgeImage, zoom: float, error: PairError) -> 
     except PairError:
         return PairError(
             f"{error}; the far photograph must show the centre of the near one at its centre, "
-            f"{zoom:g} times as far: check --zoom, and do not crop",
+            f"from {zoom:g} times as far: check --zoom, and do not crop",
             reason=error.reason,
         )
     found = zoom_at_centre(matrix, _shape(far))
@@ -363,8 +363,8 @@ def _why_not(near: EdgeImage, far: EdgeImage, zoom: float, error: PairError) -> 
         )
     if shift > _SHIFT_OFF_PX:
         return PairError(
-            f"the centres of the photographs are {shift:.0f} px apart, as in a crop off the centre "
-            "or a camera that was moved aside, and --zoom takes them for the same point; leave "
+            f"the centres of the photographs are {shift:.0f} px apart, as after an off-centre crop "
+            "or a sideways move, but --zoom assumes that they are the same point; leave "
             "--zoom out",
             reason="not_aligned",
         )

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Region:
-    """Part of an image that is used, in px: left, top, width and height."""
+    """The part of an image to use: left, top, width and height, in px."""
 
     x_px: int
     y_px: int
@@ -39,7 +39,7 @@ class Region:
 
     @classmethod
     def centre(cls, rows: int, cols: int) -> "Region":
-        """Return the central half along both axes, for which the paper's PSF holds."""
+        """Return the central half along both axes, the part that the paper calibrates."""
         return cls(
             x_px=cols // 4,
             y_px=rows // 4,

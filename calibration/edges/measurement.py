@@ -63,7 +63,7 @@ TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
 class AxisTransfer(StoredModel):
     """Contrast by frequency along one axis, lens and pixel together, from ``edges`` edges.
 
-    ``mtf_err`` are standard errors at each frequency; None in files of before.
+    ``mtf_err`` are standard errors at each frequency; None in older files.
     """
 
     freq_cy_per_px: tuple[float, ...] = Field(repr=False)
@@ -201,19 +201,47 @@ _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
 
 class EdgeMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True):
-    """One measured edge; values that could not be determined are null.
+    """One measured edge; values that could not be determined are None, null in a file.
 
-    ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down. ``snr`` is
-    None without any noise, ``chi2_reduced`` where the noise is known from this edge alone,
-    ``optical_sigma_px`` where the edge is as sharp as the pixel square alone. MTF50 is the
-    frequency of half contrast across the edge: of the fitted Gaussian with its pixel, or with
-    the prefix ``esfr_`` whatever the PSF's shape; ``esfr_missing`` says why that is None, and the
-    flag ``esfr_differs`` that the two contradict each other. In line widths per height of the
-    photograph and in line pairs per mm of the sensor it is null until ``with_sharpness`` adds it.
-    The shifts are those of red and blue from green across the edge, positive away from the frame's
-    centre, null without colours. ``contrast`` is Michelson's of the two levels,
-    ``clipped_fraction`` of the pixels of the fit. ``levels_dn`` (dark, bright), ``esfr`` and
-    ``binned`` are not kept in a file.
+    Parameters
+    ----------
+    image, capture, height_mm
+        The photograph, and the index and height of its capture in a session.
+    x_px, y_px, length_px
+        Position and length of the edge.
+    angle_deg
+        Direction of the edge line relative to +x, y down, in [0, 180).
+    snr
+        Signal-to-noise ratio of the edge; None if there is no noise.
+    sigma_px, sigma_err_px
+        Total width across the edge, with its standard error.
+    optical_sigma_px, optical_sigma_err_px
+        Width of the lens alone; None if the edge is as sharp as the pixel square alone.
+    mtf50_cy_per_px, mtf50_err_cy_per_px
+        Frequency of half contrast across the edge, of the fitted Gaussian with its pixel.
+    esfr_mtf50_cy_per_px, esfr_mtf50_err_cy_per_px, esfr_mtf20_cy_per_px
+        Frequency of half (a fifth) of the contrast, as measured from the edge, whatever the shape
+        of the PSF. The flag ``esfr_differs`` says that the two MTF50 contradict each other.
+    mtf50_lw_per_ph, mtf50_lp_per_mm, esfr_mtf50_lw_per_ph, esfr_mtf50_lp_per_mm
+        The same in line widths per picture height and in line pairs per mm on the sensor; None
+        until ``with_sharpness`` adds them.
+    esfr_missing
+        Why the measured values are None.
+    red_shift_px, red_shift_err_px, blue_shift_px, blue_shift_err_px
+        Shift of red and of blue from green across the edge, positive away from the centre of the
+        frame; None without colours.
+    contrast
+        Michelson contrast of the two levels.
+    roughness_px
+        Roughness of the edge line.
+    clipped_fraction
+        Share of the pixels of the fit that are clipped.
+    chi2_reduced
+        Reduced chi-squared of the fit; None if the noise is known from this edge alone.
+    flags
+        Remarks on the edge; some exclude it from the PSF.
+    levels_dn, esfr, binned
+        Dark and bright level, SFR and binned profile; not stored in a file.
     """
 
     image: str
@@ -254,7 +282,7 @@ class EdgeMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
 
     @property
     def is_used(self) -> bool:
-        """Whether the edge counts in the PSF."""
+        """Whether the edge is used for the PSF: it has no flag that excludes it."""
         return not REJECTING_FLAGS & set(self.flags)
 
     @property
@@ -263,7 +291,7 @@ class EdgeMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
         return float(np.deg2rad(self.angle_deg + 90.0))
 
     def moved(self, right_px: float, down_px: float) -> "EdgeMeasurement":
-        """Return the same edge in an image whose origin is further left and up."""
+        """Return the edge in an image whose origin is so many px further left and up."""
         if right_px == 0 and down_px == 0:
             return self
         place = {"x_px": self.x_px + right_px, "y_px": self.y_px + down_px}

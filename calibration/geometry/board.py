@@ -1,9 +1,8 @@
-"""The corners of a ChArUco board, and how far from square to it a camera stands.
+"""The corners of a ChArUco board, and the tilt of a camera relative to its target.
 
-How far a camera is from square to what it looks at, and which side to raise. Either from the
-heights at which regions of the picture are in focus, or from one photograph of a board. Both tell
-the slope of the distance across the picture: positive where what is shown further right, or further
-down, is further away.
+The tilt, and the side of the camera to raise, follow either from the heights at which regions of
+the picture are in focus, or from one photograph of a board. Both give the slope of the distance
+across the picture: positive if the right side, or the bottom, is further away.
 """
 
 import re
@@ -145,14 +144,14 @@ _TEXT = re.compile(r"(\d+)x(\d+):([\d.]+):([\d.]+)(?::(\w+))?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CharucoBoard:
-    """A ChArUco board as OpenCV prints it since 4.6: its top left square is black.
+    """A ChArUco board as OpenCV prints it since version 4.6: its top left square is black.
 
     Parameters
     ----------
     columns, rows
-        Number of squares.
+        Number of squares along the width and the height.
     square_mm, marker_mm
-        Side of a square, on which every scale depends, and of a marker.
+        Side of a square, which determines every scale, and side of a marker.
     dictionary
         Name of OpenCV's marker dictionary, without ``DICT_``.
     """

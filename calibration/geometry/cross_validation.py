@@ -56,7 +56,7 @@ def cross_validation(adjustment: Adjustment, pupil: PupilFit) -> CrossValidation
     if travel is not None and _matters(travel.p_value, travel.worst):
         faults.append(
             f"the camera does not travel straight: at {travel.worst_height_mm:g} mm it is "
-            f"{100 * travel.worst:.1f} % of its distance beside the line through the other "
+            f"{100 * travel.worst:.1f} % of its distance off the line through the other "
             "heights; check the rail, or whether the target was moved"
         )
     if points is not None and _matters(points.p_value, points.sag):

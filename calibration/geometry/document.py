@@ -112,11 +112,11 @@ class ExcludedCapture(_Stored):
 
 
 class HeldOut(_Stored):
-    """How well one half of the data is predicted by the other.
+    """How well one half of the data is predicted by the other half.
 
-    ``chi2_reduced`` is chi-squared over its ``degrees_of_freedom``, for what the errors of the
-    images explain, and ``p_value`` the probability of more. ``worst`` is the largest error of a
-    prediction relative to the distance of the camera, at ``worst_height_mm``.
+    ``chi2_reduced`` is chi-squared over its ``degrees_of_freedom``, relative to the errors of the
+    images, and ``p_value`` the probability of a larger value. ``worst`` is the largest error of a
+    prediction, relative to the distance of the camera; it is at ``worst_height_mm``.
     """
 
     chi2_reduced: float
@@ -127,12 +127,12 @@ class HeldOut(_Stored):
 
 
 class PlaneSag(_Stored):
-    """A bend of the targets that the points ask for.
+    """The bend of the targets that fits the points best.
 
-    ``sag`` is the height of a bent surface at the corner of what the nearest capture shows, over
-    the distance of that capture, and ``p_value`` the probability of as much where the target is
-    flat. ``chi2_reduced`` is how much larger the squares are in half of the target's regions that
-    the other half predicts than in those that it was fitted to.
+    ``sag`` is the height of the bent surface at the corner of the nearest capture's field of view,
+    relative to that capture's distance; ``p_value`` is the probability of as large a sag if the
+    target is flat. ``chi2_reduced`` is the ratio of the mean squared residuals in one half of the
+    target's regions, predicted from the other half, to those in the half that was fitted.
     """
 
     sag: float
@@ -142,11 +142,11 @@ class PlaneSag(_Stored):
 
 
 class CrossValidation(_Stored):
-    """What half of the heights, and of the points, say of the rest; None for too few.
+    """Test of half of the heights, and of half of the points, against the rest; None if too few.
 
-    ``heights`` are the distances from the heights, ``travel`` the places to the side of a straight
-    travel, ``points`` the flatness of the targets. ``faults`` name in sentences what does not fit
-    by as much as a change would be harder to find for.
+    ``heights`` tests the distances, ``travel`` the sideways deviations from a straight travel,
+    ``points`` the flatness of the targets. ``faults`` are sentences on misfits that are large
+    enough to make changes harder to find.
     """
 
     heights: HeldOut | None = None
@@ -163,32 +163,36 @@ class GeometryCalibration(Shown, _Stored):
     Parameters
     ----------
     heights_mm
-        Distinct heights, ascending; the scale at each, and its basis.
+        Distinct heights, ascending.
+    scale_px_per_mm, scale_err_px_per_mm, scale_source
+        Scale on the target at each height, its standard error, and what it is based on.
     pupil_offset_mm, height_scatter_mm
-        Distance of the entrance pupil from the plane at height zero, and the error of a height
-        beyond that explained by the images.
+        Distance of the entrance pupil from the target plane at height 0, and scatter of the heights
+        beyond what the errors of the images explain.
     focal_length_px
-        Measured with a board or a given scale, otherwise that of the bench file, without error.
+        Focal length, measured if a board or a scale is given; otherwise that of the bench file,
+        without error.
     k1, k2
-        Radial distortion, relative at the image corner; ``opencv`` for OpenCV's convention.
+        Coefficients of the radial distortion, relative to the radius of the image corner; those
+        named ``opencv`` follow OpenCV's convention.
     principal_x_px, principal_y_px
         Offset of the principal point from the centre of the image.
     tilt_deg, tilt_x_deg, tilt_y_deg
-        Angle between the optical axis and the normal of the target.
+        Angle between the optical axis and the normal of the target, and its components.
     axis_drift_px_per_mm
-        Drift of the image at ``axis_drift_height_mm`` as the stage moves, and its components.
+        Drift of the image per mm of stage travel, at ``axis_drift_height_mm``; and its components.
     stage_angle_deg
         Angle between the stage's travel and the line of sight of the image centre.
     pierce_px
-        Point at which the line of the stage's travel intersects the image.
+        Point ``(x, y)`` at which the line of the stage's travel meets the image.
     captures, excluded
         The captures that were used, and those that were not.
     undetermined
-        For each value that is None, by name: the reason.
+        Reason for each value that is None, by name.
     notes
-        Anything unusual.
+        Remarks on anything unusual, one sentence each.
     cross_validation
-        What half of the data says of the rest; None in files of before.
+        Test of one half of the data against the other; None in older files.
     """
 
     schema_name: Literal["standoff.geometry/1"] = Field(default=GEOMETRY_SCHEMA, alias="schema")
@@ -241,7 +245,7 @@ class GeometryCalibration(Shown, _Stored):
     provenance: Provenance | None = None
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the captures that were used as a pandas table, a line each.
+        """Return the captures that were used as a pandas table, one row per capture.
 
         Raises
         ------
@@ -252,10 +256,10 @@ class GeometryCalibration(Shown, _Stored):
 
     @property
     def fit_factor(self) -> float:
-        """Half a 95 % interval in standard errors, of what the fit of the heights gives.
+        """Half of a 95 % interval, in standard errors, for what the fit of the heights gives.
 
-        That is the pupil, the scales, the zooms and the focal length. It is Student's where the
-        heights scatter more than the images explain: with three heights 12.7.
+        That is the pupil offset, the scales, the zooms and the focal length. It is Student's
+        quantile if the heights scatter more than the images explain: 12.7 for three heights.
         """
         if self.pupil_offset_interval_95_mm is None or not self.pupil_offset_err_mm:
             return NORMAL_95
@@ -263,14 +267,14 @@ class GeometryCalibration(Shown, _Stored):
         return 0.5 * (high - low) / self.pupil_offset_err_mm
 
     def zoom(self, near_mm: float, far_mm: float) -> float:
-        """True zoom-out between two heights: the ratio of the distances from the entrance pupil."""
+        """Zoom-out between two heights: the ratio of the distances from the entrance pupil."""
         return (far_mm + self.pupil_offset_mm) / (near_mm + self.pupil_offset_mm)
 
     def scale_at(self, height_mm: float) -> float | None:
         """Scale on the target in px/mm at a height; None beyond the heights that were captured.
 
-        It is inversely proportional to the distance from the entrance pupil, and taken over from
-        the nearest height.
+        It is computed from the scale at the nearest captured height, in inverse proportion to the
+        distance from the entrance pupil.
         """
         known = list(zip(self.heights_mm, self.scale_px_per_mm or (), strict=False))
         distance_mm = height_mm + self.pupil_offset_mm

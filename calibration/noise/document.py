@@ -42,11 +42,12 @@ _SHADING_SIGMA_PX = 12.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CorrectionMaps(ByValue):
-    """Maps of one sensor, shape ``(rows, cols)``.
+    """Correction maps of one sensor, each of shape ``(rows, cols)``.
 
-    ``dark_dn`` is the level without light, ``response`` the sensitivity relative to the mean
-    over the sensor (shading included), ``defects`` is 0 for good pixels, otherwise the bits
-    `DARK_DEFECT`, `RESPONSE_DEFECT` and `NOISE_DEFECT`.
+    ``dark_dn`` is the level without light, ``response`` the sensitivity relative to the mean over
+    the sensor, including shading, and ``defects`` is 0 for good pixels, otherwise a combination of
+    the bits `DARK_DEFECT`, `RESPONSE_DEFECT` and `NOISE_DEFECT`. ``black_level_dn`` is the level
+    that a corrected image keeps without light.
     """
 
     dark_dn: Float32Array
@@ -63,13 +64,14 @@ class CorrectionMaps(ByValue):
 
     @property
     def is_defect(self) -> BoolArray:
-        """The pixels that must not be used."""
+        """Mask of the pixels with any defect, shape ``(rows, cols)``."""
         return self.defects > 0
 
     def correct(self, image_dn: AnyArray) -> FloatArray:
         """Return the image without fixed pattern, shading and defects; the black level is kept.
 
-        ``(image - dark) / response + black``; a defect becomes the mean of its good neighbours.
+        Levels are ``(image - dark) / response + black``; a defective pixel gets the mean of its
+        good neighbours.
 
         Raises
         ------
@@ -216,11 +218,12 @@ class MapFile(StoredModel):
 
 
 class NoiseCalibration(Shown, ByValue, StoredModel, allow_inf_nan=False):
-    """The noise of one camera at one gain, and what it was measured from.
+    """The noise of one camera at one gain, and the captures that it was measured from.
 
-    Values named ``_err`` are standard errors; null means not determined. Only the keys without a
-    default are required. ``frames_averaged`` is that of an ordinary capture on the bench, not of
-    the captures in ``levels``. ``maps`` names the dark, flat and defect maps.
+    Values whose names end in ``_err`` are standard errors; None, or null in a file, means not
+    determined. Only the keys without a default are required. ``frames_averaged`` is the number of
+    frames in an ordinary capture on the bench, not in the captures of ``levels``. ``maps`` names
+    the files of the dark, flat and defect maps.
     """
 
     schema_name: Literal["standoff.noise/1"] = Field(default=NOISE_SCHEMA, alias="schema")
@@ -307,7 +310,7 @@ class NoiseCalibration(Shown, ByValue, StoredModel, allow_inf_nan=False):
         )
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the captures as a pandas table, a line each.
+        """Return the captures as a pandas table, one row per capture.
 
         Raises
         ------
@@ -327,12 +330,13 @@ class NoiseCalibration(Shown, ByValue, StoredModel, allow_inf_nan=False):
         )
 
     def relative_err(self, levels_dn: ArrayLike) -> float | None:
-        """Return the standard error of the noise at levels over that noise; None if unknown.
+        """Return the relative standard error of the noise at given levels; None if unknown.
 
         Parameters
         ----------
         levels_dn
-            Levels of the pixels, of any shape; of many, the error of their mean variance's root.
+            Levels of one or more pixels, in any shape; for several, the noise is the square root of
+            their mean variance.
         """
         if self.gain_e_per_dn_err is None or self.read_noise_e_err is None:
             return None

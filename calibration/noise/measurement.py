@@ -293,8 +293,8 @@ def noise_captures(
     if step_dn > 1:
         notes = (
             *notes,
-            f"the levels step by {step_dn} DN, as of {step_dn.bit_length() - 1} bits that are "
-            "not used; the rounding is taken as such",
+            f"the levels step by {step_dn} DN, as if {step_dn.bit_length() - 1} bits were unused; "
+            "the rounding is taken to be that large",
         )
     return NoiseCaptures(
         captures=tuple(
@@ -386,7 +386,11 @@ class _VarianceByLevel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class NoiseMeasurement(Shown, ByValue):
-    """The contents of noise.json, with the curve and the maps behind it."""
+    """A noise calibration, with its photon-transfer curve and correction maps.
+
+    ``calibration`` holds the contents of noise.json, ``transfer`` the fit to the dark and flat
+    captures and its ``notes``, ``nonuniformity`` how much the pixels differ.
+    """
 
     calibration: NoiseCalibration
     transfer: PhotonTransfer
@@ -405,11 +409,11 @@ class NoiseMeasurement(Shown, ByValue):
         return self.calibration._repr_html_()
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the captures as a pandas table, a line each; see `NoiseCalibration`."""
+        """Return the captures as a pandas table, one row per capture; see `NoiseCalibration`."""
         return self.calibration.to_dataframe()
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
-        """Return a figure of the variance of a frame against the light, with the fit."""
+        """Return a figure of the variance of a frame against its mean level, with the fit."""
         from simulation.figures import drawn  # matplotlib, for whoever looks
 
         def draw(axes: "Axes") -> None:
@@ -424,8 +428,8 @@ def noise_of_captures(
 ) -> NoiseMeasurement:
     """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.
 
-    Every capture is loaded twice, or three times if the sensor has defects, which are left out. Of
-    a bracket every exposure is a sample, with its defects; the maps take what was merged. A
+    Every capture is loaded twice, or three times if the sensor has defects, which are left out. In
+    a bracket every exposure is a sample, with its defects; the maps use the merged capture. A
     `NoiseError` says what to capture.
     """
     captures = NoiseCaptures.of_session(given) if isinstance(given, Session) else given

@@ -450,7 +450,7 @@ def _line(samples: Sequence[LevelSample], black_level_dn: float, quantisation_dn
     if line.slope_dn <= _SIGNIFICANT * line.err(1):
         raise NoiseError(
             "the variance does not rise with the light, so the flats do not determine the gain "
-            "(processed images, or flats of one brightness?)",
+            "(are the images processed, or the flats all equally bright?)",
             reason="no_gain",
         )
     return line

@@ -448,7 +448,7 @@ def _no_edge_error(
     remedy = {
         "beside_target": "photograph the target alone, or use --target all",
         "saturated": "shorten the exposure",
-        "masked": "measure an edge whose pixels count",
+        "masked": "measure an edge whose pixels are not masked",
         "too_short": f"photograph an edge at least {_least_side_px(edges, pitch_px)} px long",
         "too_noisy": "add light or average more frames",
         "uneven": "photograph an edge between two even areas, not a texture",

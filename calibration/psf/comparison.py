@@ -72,7 +72,7 @@ class ParameterChange:
 
     @property
     def p_value(self) -> float:
-        """Probability of so large a difference if nothing has changed."""
+        """Probability of a difference at least this large if nothing has changed."""
         return _two_sided(self.z)
 
     @property
@@ -88,7 +88,7 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PsfChange:
-    """All parameters that both calibrations give, and why the two may not be comparable.
+    """Tests of all parameters that both calibrations give, and why the two may not be comparable.
 
     With ``shared_inputs``, measured on by both, errors are not independent: no test tells.
     """
@@ -99,7 +99,7 @@ class PsfChange:
 
     @property
     def changed(self) -> tuple[ParameterChange, ...]:
-        """Parameters that have changed significantly; none where the test tells nothing."""
+        """Parameters that have changed significantly; none if there are shared inputs."""
         if self.shared_inputs:
             return ()
         return tuple(one for one in self.parameters if one.is_changed)
@@ -110,7 +110,7 @@ class PsfChange:
         if self.shared_inputs:
             return (
                 f"no verdict: both are calibrations of the same captures "
-                f"({_listed(self.shared_inputs)}), and the test is for independent ones; "
+                f"({_listed(self.shared_inputs)}), but the test needs independent ones; "
                 "calibrate from other photographs"
             )
         if not self.changed:

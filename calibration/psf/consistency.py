@@ -242,8 +242,8 @@ def _soft_target(softness: SoftnessFit | None) -> _Evidence | None:
         kind="soft_target",
         p_value=found.p_value if found.is_removed else 1.0,
         matters=found.is_removed,
-        sentence=f"the edge target is soft itself: {blur}, from how the widths grow with its "
-        "scale; this is taken off, and sigma is that of the camera",
+        sentence=f"the edge target itself is soft: {blur}, judging by how the widths grow with "
+        "its scale; this blur is subtracted, so sigma is that of the camera",
     )
 
 
@@ -325,8 +325,8 @@ def _focus_scatter(fit: CaptureFit | None, width_px: float) -> _Evidence | None:
         p_value=fit.p_value,
         matters=scatter / (2 * width_px**2) > _WORTH_WIDTH,
         sentence=f"the focus scatters between captures by {scatter:.3f} px^2 "
-        f"({100 * scatter / (2 * width_px**2):.1f} % of sigma); the errors hold it: more captures, "
-        "or a lens that is locked, make them smaller",
+        f"({100 * scatter / (2 * width_px**2):.1f} % of sigma); the errors include this: more "
+        "captures, or a locked focus, make them smaller",
     )
 
 
@@ -346,7 +346,7 @@ def _shape(edges: Sequence[EdgeMeasurement]) -> _Evidence | None:
         p_value=float(min(p_values.size * p_values[worst], 1.0)),
         matters=abs(float(mean[worst])) > _WORTH_SHAPE,
         sentence=f"a Gaussian does not fit this lens: at {_SHAPE_FREQ[worst]:.3f} cy/px the edges "
-        f"show {100 * mean[worst]:+.1f} % of contrast beside it; use the measured transfer "
+        f"differ from it by {100 * mean[worst]:+.1f} % of contrast; use the measured transfer "
         "(method all-angles), not the Gaussian",
     )
 
@@ -369,7 +369,7 @@ def _edges_apart(p_value: float, scatter_px: float, width_px: float) -> _Evidenc
         p_value=p_value,
         matters=scatter_px / width_px > _WORTH_EDGES,
         sentence=f"edges of one capture differ by {100 * scatter_px / width_px:.1f} % beyond their "
-        "errors: the PSF changes over the frame, or edges are rough; the errors hold it",
+        "errors: the PSF changes over the frame, or edges are rough; the errors include this",
     )
 
 

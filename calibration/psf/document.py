@@ -61,10 +61,10 @@ class CameraIdentity(StoredModel):
 class PsfOrigin:
     """The camera, time and part of the frame of a calibration; None if not known.
 
-    ``captured_utc`` is the time of the first capture in ISO 8601, ``region`` the part of the
-    frame that was used, ``channel`` the channel of colour photographs, ``photograph`` what their
-    files say alike of their taking. ``pixel_pitch_from`` names what states ``pixel_pitch_um``.
-    ``labels`` are what people call the lens, the camera, the target and the customer.
+    ``captured_utc`` is the time of the first capture in ISO 8601, ``region`` the part of the frame
+    that was used, ``channel`` the channel of colour photographs. ``photograph`` holds the facts on
+    camera and exposure on which the files agree. ``pixel_pitch_from`` names the source of
+    ``pixel_pitch_um``. ``labels`` are names of the lens, the camera, the target and the customer.
     """
 
     camera: CameraIdentity = field(default_factory=CameraIdentity)
@@ -93,9 +93,9 @@ class PairWidths(StoredModel):
 class PsfWidths(ByValue, StoredModel):
     """A PSF, total and of the lens alone, with standard errors; null means not determined.
 
-    Total means optics and pixel together, which equation (1) of the paper calls Sigma.
-    ``estimate_covariance`` is the covariance matrix of sigma_x_px, sigma_y_px and rho, in this
-    order and without those that are null.
+    Total means optics and pixel together; its covariance is Sigma in equation (1) of the paper.
+    ``estimate_covariance`` is the covariance matrix of the estimates of sigma_x_px, sigma_y_px and
+    rho, in this order and without those that are null.
     """
 
     sigma_x_px: float | None = None
@@ -207,20 +207,40 @@ class ColourPsf(PsfWidths):
 
 
 class PsfCalibration(PsfWidths, _PsfDocument):
-    """The PSF of a camera, and the edges or pairs of photographs it was measured from.
+    """The PSF of a camera, and the edges or pairs of photographs that it was measured from.
 
-    ``field`` is null if, as far as the edges show, one PSF holds for the whole frame, or they are
-    too few or of too few directions: ``no_field_because`` says which. ``focus`` is
-    its scatter between captures, null with one; ``cross_validation`` names what does not fit;
-    ``target_softness`` is null with fewer than three scales. ``transfer_2d`` is null where edges
-    have one direction alone and for methods that know Gaussians alone. ``channels`` holds each
-    colour of a mosaic, ``pairs`` the pairs of photographs of a two-distance calibration,
-    ``softness_px2`` the mean variance that the scene adds in a single-image calibration,
-    ``photograph`` what the files say alike of their taking. ``picture_width_px`` and
-    ``picture_height_px`` are null if the photographs differ; ``verdict`` compares the edges with a
-    limits file. ``labels`` are what people call the lens, the camera, the target and the customer,
-    null if nobody says. ``notes`` say what there is to say of the calibration that was made; no
-    file has them. Files that give only the total values are accepted.
+    None, or null in a file, means not determined. Files with only the total values are accepted.
+
+    Parameters
+    ----------
+    field, no_field_because
+        The PSF as it varies over the frame. None if one PSF holds for the whole frame as far as the
+        edges show, or if edges or their directions are too few; ``no_field_because`` says which.
+    focus
+        Scatter of the PSF's variance between captures; None with one capture.
+    cross_validation
+        Test whether the edges agree with one PSF, which names what does not fit.
+    target_softness
+        Blur of the target itself; None with fewer than three scales.
+    transfer_2d
+        The measured form of the PSF; None if all edges have one direction, and for methods that
+        measure only Gaussians.
+    channels
+        The PSF of each colour of a raw mosaic.
+    pairs
+        The pairs of photographs of a two-distance calibration.
+    softness_px2
+        Mean variance that the scene itself adds, of a single-image calibration.
+    photograph
+        Facts about camera and exposure on which the files of all photographs agree.
+    picture_width_px, picture_height_px
+        Size of the photographs; None if they differ in size.
+    labels
+        Names of the lens, the camera, the target and the customer.
+    verdict
+        Comparison of the edges with a limits file.
+    notes
+        Remarks on the calibration; not stored in a file.
     """
 
     field: FieldFit | None = None
@@ -256,11 +276,11 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         return tuple(edge for edge in self.edges if edge.is_used)
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the edges as a pandas table: the entries of psf.json, and ``is_used``.
+        """Return the edges as a pandas table, one row per edge: those of psf.json, and ``is_used``.
 
-        ``mtf50_...`` is the measured one, as reports and the terminal have it, and
+        The columns ``mtf50_...`` hold the measured MTF50, as in reports and on the terminal;
         ``gaussian_mtf50_...`` that of the fitted Gaussian, which psf.json calls ``mtf50_...``.
-        ``mtf50_from`` says which stands in where an edge does not determine it.
+        ``mtf50_from`` says which of the two a row has in ``mtf50_...``.
 
         Raises
         ------
@@ -284,7 +304,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         return self.model_copy(update={**known, "target_softness": soft})
 
     def judged(self, limits: SharpnessLimits, limits_file: str) -> "PsfCalibration":
-        """Return the calibration with the verdict by the limits of a file of this name."""
+        """Return the calibration with its verdict by the limits of the file ``limits_file``."""
         picture = Picture(
             width_px=self.picture_width_px,
             height_px=self.picture_height_px,
@@ -319,7 +339,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
             raise PsfFileError(f"{source}: {error}", source=source) from error
 
     def best_psf(self, source: str) -> Psf:
-        """Return the PSF as measured over both axes, or the Gaussian where the file has no more.
+        """Return the PSF measured in all directions, or the Gaussian if the file has no such PSF.
 
         Raises
         ------
@@ -330,7 +350,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         return gaussian if self.transfer_2d is None else self.transfer_2d.psf(gaussian)
 
     def measured_psf(self, source: str) -> Psf:
-        """Return the measured PSF: over both axes, or in files of before along either axis.
+        """Return the measured PSF: in all directions, or, in older files, along either axis.
 
         Raises
         ------
@@ -341,9 +361,9 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         return self.measured_transfer(source) if self.transfer_2d is None else best
 
     def total_field(self, source: str, *, is_measured: bool = True) -> PsfField | None:
-        """Return the total PSF over the frame, None if the file has no field.
+        """Return the total PSF as it varies over the frame, None if the file has no field.
 
-        It has the shape that the edges measured, where the file holds that and ``is_measured``.
+        With ``is_measured`` it has the measured form, if the file has one; otherwise Gaussians.
 
         Raises
         ------
@@ -368,7 +388,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         Raises
         ------
         PsfFileError
-            If an axis has none, or its samples are not a valid transfer function.
+            If an axis has no transfer function, or its samples are not a valid one.
         """
         known = self.transfer or MeasuredTransfer()
         curves = []

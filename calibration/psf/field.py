@@ -119,7 +119,7 @@ def field_or_reason(
         return f"too few edges: {count} of at least {FEWEST_FIELD_EDGES}"
     terms = field_monomials(width_px, height_px, FIELD_DEGREE, edges.x_px, edges.y_px)
     if np.linalg.matrix_rank(terms, tol=_LEAST_SINGULAR) < _TERMS:
-        return "the edges lie in too few places of the frame: spread them over it"
+        return "the edges lie in too few places: spread them over the frame"
     elements = _elements(np.deg2rad(edges.angle_deg + 90.0))
     design = _design(elements, terms)
     if np.linalg.matrix_rank(design, tol=_LEAST_SINGULAR) < design.shape[1]:
@@ -133,11 +133,11 @@ def field_or_reason(
     worst = _worst_err(field, fit.covariance)
     p_value = _p_value(elements, design, fit, edges)
     if is_asked and p_value > _ASKED_P:
-        return f"no change over the frame that the edges show (p = {p_value:.2g})"
+        return f"the edges show no change over the frame (p = {p_value:.2g})"
     if worst > _WORST_ERR:
         return (
-            f"a width somewhere in the frame would be known to {100 * worst:.0f} % alone, and "
-            f"{100 * _WORST_ERR:.0f} % is asked: add edges, in several directions at every place"
+            f"a width somewhere in the frame would be known to {100 * worst:.0f} % only, but "
+            f"{100 * _WORST_ERR:.0f} % is needed: add edges in several directions everywhere"
         )
     return FieldFit(
         width_px=width_px,
@@ -157,7 +157,7 @@ def _design(elements: FloatArray, terms: FloatArray) -> FloatArray:
 
 def _too_few_directions(elements: FloatArray, terms: FloatArray, edges: FieldEdges) -> str:
     """Say that directions are missing, and whether widths along the axes change over the frame."""
-    needed = "too few directions: three are needed all over the frame, add diagonal edges"
+    needed = "too few directions: three are needed all over the frame; add diagonal edges"
     upright = elements[:, [0, 2]]
     design = _design(upright, terms)
     if np.linalg.matrix_rank(design, tol=_LEAST_SINGULAR) < design.shape[1]:

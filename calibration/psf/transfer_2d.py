@@ -107,7 +107,7 @@ def _choose_otf(
     if not plain:
         return None
     told_by = "widths that leave rho open" if has_third else f"{directions.size} directions"
-    limits = "" if is_spread else f"; {told_by} do not tell how it is turned: taken as upright"
+    limits = "" if is_spread else f"; {told_by} do not show its orientation: taken as upright"
     bases = [fit for fit in plain if fit.form in (ELLIPTIC, ASTIGMATIC, TWO_ELLIPSES)]
     asked: list[CorrectionEvidence] = []
     base = min(bases, key=_cost, default=plain[0])

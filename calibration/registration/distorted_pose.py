@@ -15,7 +15,12 @@ from simulation.pose import lens_of, project, warped
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureMatches(ByValue):
-    """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference.
+    """Pairs of points that show the same place of the scene.
+
+    Parameters
+    ----------
+    followup_px, reference_px
+        Points ``(x, y)`` in either photograph, shape (n, 2) each.
 
     Examples
     --------
@@ -44,7 +49,7 @@ class FeatureMatches(ByValue):
                 )
 
     def swapped(self) -> Self:
-        """Return the same pairs where the two photographs have changed roles."""
+        """Return the same pairs with the roles of the two photographs exchanged."""
         return type(self)(followup_px=self.reference_px, reference_px=self.followup_px)
 
     def distances_px(self, matrix: FloatArray) -> FloatArray:
@@ -53,7 +58,7 @@ class FeatureMatches(ByValue):
         return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
 
     def rms_px(self, matrix: FloatArray, inlier: BoolArray) -> float:
-        """Rms of ``distances_px`` over the chosen matches."""
+        """Root mean square of ``distances_px`` over the matches that ``inlier`` marks."""
         return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))
 
 
@@ -90,7 +95,7 @@ class SmoothDisplacement:
         return y, x
 
     def swapped(self) -> Self:
-        """Return the same displacement where the two photographs have changed roles."""
+        """Return the same displacement with the roles of the two photographs exchanged."""
         return type(self)(
             knots_px=self.knots_px,
             shape=self.shape,
@@ -190,7 +195,7 @@ class DistortedPose(ByValue):
         return replace(self, matrix=matrix / matrix[2, 2], k1=k1, displacement=displacement)
 
     def inverse(self) -> Self:
-        """Return the pose of the reference in the follow-up: the two change roles."""
+        """Return the pose of the reference in the follow-up."""
         matrix = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
         own, other = (_corner_px(one) for one in (self.reference_shape, self.followup_shape))
         return type(self)(

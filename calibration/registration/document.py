@@ -41,12 +41,12 @@ class Homography(
     Parameters
     ----------
     matrix
-        Shape (3, 3): maps follow-up pixel centres ``(x, y, 1)`` to reference pixel centres; with
-        a distortion, those of an ideal lens.
+        Shape (3, 3): maps follow-up pixel centres ``(x, y, 1)`` to reference pixel centres; if the
+        lens distorts, those of an ideal lens.
     size
         ``(width, height)`` of the follow-up in px.
     distortion_k1
-        Relative radial distortion of the common lens at the corner of the reference.
+        Radial distortion of the common lens, relative, at the corner of the reference.
     """
 
     schema_name: Literal["standoff.homography/1"] = Field(default=HOMOGRAPHY_SCHEMA, alias="schema")

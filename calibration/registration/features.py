@@ -307,28 +307,28 @@ POINTS_MIN = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegistrationHints(ByValue):
-    """What is known of a pose before two photographs are aligned; None where nothing is.
+    """What is known of a pose before two photographs are aligned; None for what is not known.
 
     Parameters
     ----------
     zoom
-        Approximate ratio of the distances, follow-up over reference; right to some 15 %.
+        Approximate ratio of the distances, follow-up over reference, accurate to about 15 %.
     matrix
-        Shape (3, 3): approximate map from follow-up pixels ``(x, y, 1)`` to reference pixels. It is
-        refined; where that fails it is kept as given, and the result warns of it.
+        Approximate homography, shape (3, 3), from follow-up pixels ``(x, y, 1)`` to reference
+        pixels. It is refined; if that fails it is used as given, and the result has a warning.
     points
-        At least 4 pairs of points, no three on a line, right to a few pixels. What they give is
-        refined, and kept with a warning where that fails.
+        At least 4 pairs of points, no three on a line, accurate to a few pixels. The homography
+        through them is refined; if that fails it is used as it is, and the result has a warning.
     left_out
-        Follow-up pixels that do not count, of the follow-up's shape.
+        Mask of the follow-up pixels that do not count, shape ``(rows, cols)`` of the follow-up.
     mirrored
-        Whether one of the two shows the scene as in a mirror. A pose that is given is then the one
-        of the follow-up as it is: its determinant is negative.
+        Whether one of the two shows the scene as in a mirror. A homography given as a hint must
+        then be that of the follow-up as it is, with a negative determinant.
 
     Raises
     ------
     ArgumentError
-        If a value is not of its kind or range.
+        If a value has the wrong type or is out of range.
 
     Examples
     --------
@@ -361,7 +361,7 @@ class RegistrationHints(ByValue):
 
     @property
     def is_of_pose(self) -> bool:
-        """Whether they say anything of the pose, and not only what does not count."""
+        """Whether the hints concern the pose, and not only pixels to leave out."""
         return self.mirrored or any(
             one is not None for one in (self.zoom, self.matrix, self.points)
         )
@@ -384,7 +384,7 @@ class RegistrationHints(ByValue):
 def leaving_out(
     hints: RegistrationHints | None, left_out: BoolArray | None
 ) -> RegistrationHints | None:
-    """Return hints that leave out other follow-up pixels as well."""
+    """Return the hints, with further follow-up pixels left out."""
     if left_out is None:
         return hints
     hints = hints or RegistrationHints()

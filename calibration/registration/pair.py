@@ -90,7 +90,7 @@ _SMALLEST_SIDE_PX = 16
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class Registration(Shown, ByValue):
-    """Pose of a follow-up in its reference, nearer or further away.
+    """Pose of a follow-up in its reference; the follow-up may be nearer or further away.
 
     Parameters
     ----------
@@ -99,19 +99,21 @@ class Registration(Shown, ByValue):
     zoom
         Reference pixels per follow-up pixel at the follow-up's centre.
     place_err_px
-        Standard error of a follow-up pixel's position in the reference, rms over the overlap,
-        reference px.
+        Standard error of a follow-up pixel's position in the reference, in reference px; root mean
+        square over the overlap.
     k1_err
-        Standard error of ``pose.k1``; 0 where no distortion was fitted.
+        Standard error of ``pose.k1``; 0 if no distortion was fitted.
     feature_matrix
-        Shape (3, 3): the homography that was refined, as a rule that of the matched features.
+        Shape (3, 3): the homography from which the refinement started, usually that of the matched
+        features.
     inlier_count, match_rms_px
-        Feature matches that agree with the pose, and their rms distance from it in reference px;
-        both are 0 where the pose was found without features.
+        Number of feature matches that agree with the pose, and their root mean square distance from
+        it in reference px; both are 0 if the pose was found without features.
     correlation
-        Of the two photographs at the resolution of the coarser one, slow changes of light removed.
+        Correlation of the two photographs at the resolution of the coarser one, without slow
+        changes of the light.
     residual_rms_dn
-        Remaining difference between them, in the units of the coarser photograph.
+        Root mean square of the remaining difference between them, in the levels of the coarser one.
     warnings
         Sentences on what an operator should check.
     """
@@ -129,7 +131,7 @@ class Registration(Shown, ByValue):
 
     @property
     def matrix(self) -> FloatArray:
-        """Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to the reference's, ideal lens."""
+        """Homography (3, 3) from follow-up to reference pixel centres, both of an ideal lens."""
         return self.pose.matrix
 
     def mirrored(self) -> Self:
@@ -181,8 +183,8 @@ def _registered(
     if given:
         if best is None:
             raise RegistrationError(
-                "the given pose leaves nothing in common; check its direction: it takes follow-up "
-                "pixels to reference pixels",
+                "at the given pose the photographs do not overlap; check its direction: it takes "
+                "follow-up pixels to reference pixels",
                 reason="little_overlap",
             )
         return _as_given(pair, best)
@@ -260,7 +262,7 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
     is_weak = not (choice.best.is_well_matched or choice.best.hypothesis.is_given)
     if choice.rival is None and _is_elsewhere(choice.best, found.pose):
         raise RegistrationError(
-            "the photographs agree best at a pose that puts many of their details elsewhere; "
+            "the photographs agree best at a pose that misplaces many of their details; "
             f"{_REMEDIES}",
             reason="contradiction",
         )
@@ -288,7 +290,7 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
         )
         warnings.append(
             f"the scene repeats: shifted by {float(apart[0]):.0f} px the photographs agree nearly "
-            "as well, so the alignment may be another period; check it, or " + _REMEDIES
+            "as well, so the alignment may be off by a period; check it, or " + _REMEDIES
         )
     if place_err_px > _PLACE_ERR_WARN_PX:
         warnings.append(f"the pose is uncertain by {place_err_px:.2f} px")

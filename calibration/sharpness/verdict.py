@@ -174,7 +174,7 @@ class Mtf50Limits(WrittenTable):
     centre_min_lw_per_ph: Positive | None = Field(None, description="likewise")
     centre_min_lp_per_mm: Positive | None = Field(None, description="likewise")
     corner_min_cy_per_px: Positive | None = Field(
-        None, description="median of every corner, meridional and sagittal apart"
+        None, description="median of every corner, separately for meridional and sagittal"
     )
     corner_min_lw_per_ph: Positive | None = Field(None, description="likewise")
     corner_min_lp_per_mm: Positive | None = Field(None, description="likewise")
@@ -207,8 +207,8 @@ class UniformityLimits(WrittenTable):
 class Zones(WrittenTable):
     """``[zones]``: what is the centre and what a corner, in half diagonals from the centre."""
 
-    centre_radius: Share = Field(0.3, description="the central zone reaches so far")
-    corner_radius: Share = Field(0.7, description="the corners begin here")
+    centre_radius: Share = Field(0.3, description="radius of the central zone")
+    corner_radius: Share = Field(0.7, description="radius at which the corners begin")
 
     @model_validator(mode="after")
     def _are_apart(self) -> Self:
@@ -387,7 +387,7 @@ class _Measured:
             if e.optical_sigma_px is not None and e.optical_sigma_err_px is not None
         ]
         if not widths:
-            raise _NotMeasuredError("every edge is as sharp as the pixel alone; limit sigma.max_px")
+            raise _NotMeasuredError("every edge is as sharp as a pixel; set sigma.max_px instead")
         return widths
 
     def _shifts(self) -> list[_Figure]:

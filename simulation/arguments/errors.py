@@ -9,10 +9,10 @@ from typing import TypeAlias
 
 
 class ArgumentError(ValueError):
-    """An argument of a public function that cannot be, or does not go with the others.
+    """An argument of a public function is invalid, or contradicts another argument.
 
-    ``argument`` names it as Python spells it; ``reason`` is the message without that name, for
-    whoever calls it otherwise.
+    ``argument`` is its name in Python, None if there is no single one; ``reason`` is the message
+    without that name, for interfaces that use another name.
 
     Examples
     --------
@@ -29,7 +29,7 @@ class ArgumentError(ValueError):
 
     @property
     def reason(self) -> str:
-        """What is wrong, without the name."""
+        """The message without the name of the argument."""
         return str(self.args[0])
 
     def __str__(self) -> str:
@@ -37,7 +37,7 @@ class ArgumentError(ValueError):
 
 
 class ArgumentTypeError(ArgumentError, TypeError):
-    """An argument of a type that is not taken."""
+    """An argument of a public function has the wrong type."""
 
 
 def kind_of(value: object) -> str:

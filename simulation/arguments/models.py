@@ -9,7 +9,7 @@ from simulation.arguments.errors import ArgumentError
 
 
 class CheckedModel(BaseModel):
-    """A model whose construction raises `ArgumentError`; what a file holds is validated as ever."""
+    """A model whose constructor raises `ArgumentError`; reading a file raises the usual errors."""
 
     def __init__(self, /, **given: Any) -> None:  # noqa: ANN401 - of the fields' types
         hints = hints_of(type(self))

@@ -380,13 +380,15 @@ class SimulatedPose(Shown, ByValue):
     Parameters
     ----------
     image
-        Shape ``(rows, cols)`` or ``(rows, cols, channels)``, float32 or float64, finite; 0 where
-        ``outside``.
+        The follow-up, shape ``(rows, cols)`` or ``(rows, cols, channels)``, float32 or float64,
+        finite; 0 where ``outside``.
     nearer
-        Shape ``(rows, cols)``: the real follow-up is sharper than the reference there, in at
-        least one direction, which no simulation can recover; False where ``outside``.
+        Mask, shape ``(rows, cols)``, of the pixels at which a real follow-up would be sharper than
+        the reference in at least one direction, which no simulation can recover; False where
+        ``outside``.
     outside
-        Shape ``(rows, cols)``: the pixel looks past the reference, by more than half a pixel.
+        Mask, shape ``(rows, cols)``, of the pixels that look past the reference by more than half a
+        pixel.
     """
 
     image: FloatImage
@@ -401,7 +403,7 @@ class SimulatedPose(Shown, ByValue):
         )
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
-        """Return a figure of the follow-up, dark to bright, in its own pixels."""
+        """Return a figure of the follow-up, from its darkest to its brightest level."""
         from simulation.figures import drawn  # matplotlib, for whoever looks
 
         shown = self.image.astype(np.float64)

@@ -1,4 +1,4 @@
-"""The PSFs that operators take: a Gaussian, two curves, a lens over its pixels, and a field."""
+"""The PSFs that operators take: a Gaussian, two curves, a lens with its pixels, and a field."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ _PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 
 @dataclass(frozen=True, slots=True, init=False)
 class GaussianPsf:
-    """A Gaussian PSF, in pixels: widths along columns (x) and rows (y), and their correlation.
+    """A Gaussian PSF with the widths sigma along x and y, and their correlation.
 
     Parameters
     ----------
     sigma_x_px, sigma_y_px, rho
-        Of the whole PSF, optics and pixel.
+        Standard deviations along x and y, and correlation, of the total PSF: optics and pixel.
     sigma_px
-        Instead of them, the width of a round one.
+        Instead of these, the standard deviation of a round PSF.
 
     Raises
     ------
@@ -85,7 +85,7 @@ class GaussianPsf:
 
     @property
     def gaussian(self) -> Self:
-        """The Gaussian nearest to it: itself."""
+        """The nearest Gaussian: this PSF itself."""
         return self
 
     @property
@@ -178,23 +178,23 @@ _LEAST_VARIANCE_PX2 = 1e-3
 
 
 class Psf(Protocol):
-    """A total PSF, optics and pixel, symmetric about its centre; hashable.
+    """A total PSF, optics and pixel, symmetric about its centre.
 
-    Equal PSFs have equal hashes: operators are cached by them.
+    It must be hashable, and equal PSFs must have equal hashes: operators are cached by PSF.
     """
 
     def otf(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
-        """Return the transfer function, real and signed, 1 at frequency 0; the two broadcast."""
+        """Return the OTF, real and signed, 1 at frequency 0; fx and fy broadcast."""
         ...
 
     @property
     def gaussian(self) -> GaussianPsf:
-        """The Gaussian nearest to it."""
+        """The Gaussian nearest to this PSF."""
         ...
 
     @property
     def form(self) -> PsfForm:
-        """What is known about its shape."""
+        """The form in which this PSF is known."""
         ...
 
     @property
@@ -207,18 +207,18 @@ class Psf(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredPsf:
-    """A lens over square pixels.
+    """The PSF of a lens in front of square pixels.
 
     Parameters
     ----------
     lens
-        Transfer function of the optics.
+        OTF of the optics.
     gaussian
-        The Gaussian nearest to the total PSF, from the same edges: models that know only a
-        Gaussian use it, and so does whoever needs a size.
+        The Gaussian nearest to the total PSF, from the same edges; used by models that only take a
+        Gaussian, and wherever a size is needed.
     stretch
-        Rows of the matrix T if the lens's PSF is that of ``lens`` stretched by T: its transfer
-        function is then ``lens(T f)``. A PSF that varies over the frame is one shape stretched.
+        Rows of a matrix T: the OTF of the optics is ``lens(T f)``, which stretches their PSF. A PSF
+        that varies over the frame is one PSF, stretched differently at each place.
     """
 
     lens: LensOtf
@@ -234,7 +234,7 @@ class MeasuredPsf:
 
     @property
     def form(self) -> PsfForm:
-        """What is known about the lens's shape."""
+        """The form in which the PSF of the lens is known."""
         if self.lens.correction is not None:
             return "free"
         if self.lens.cut_off_period_px == (0.0, 0.0, 0.0):
@@ -255,7 +255,7 @@ class MeasuredPsf:
         return self.gaussian.covariance_px2
 
     def stretched_to(self, gaussian: GaussianPsf) -> Self:
-        """Return the PSF whose nearest Gaussian is another one, the lens's shape stretched."""
+        """Return the PSF stretched so that ``gaussian`` is the Gaussian nearest to it."""
         own, wanted = (_without_pixel(psf.covariance_px2) for psf in (self.gaussian, gaussian))
         matrix = _root(wanted) @ np.linalg.inv(_root(own))
         # A transfer function takes the transpose of the matrix that stretches its PSF.
@@ -265,9 +265,9 @@ class MeasuredPsf:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeparablePsf:
-    """A PSF known along the two axes alone: the product of two transfer functions.
+    """A PSF that is known along the two axes only: its OTF is the product of two curves.
 
-    ``along_y`` and ``along_x`` include the pixel; ``gaussian`` is the nearest Gaussian.
+    The curves ``along_y`` and ``along_x`` include the pixel; ``gaussian`` is the nearest Gaussian.
     """
 
     along_y: Transfer
@@ -281,7 +281,7 @@ class SeparablePsf:
 
     @property
     def form(self) -> PsfForm:
-        """A curve along either axis."""
+        """``separable``: known as one curve along either axis."""
         return "separable"
 
     @property

@@ -1,4 +1,4 @@
-"""A PSF of one's own: from a kernel, a transfer function, a pupil or its Zernike coefficients."""
+"""A PSF that the user supplies: by a kernel, an OTF, a pupil or its Zernike coefficients."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import InitVar, dataclass, field
@@ -38,30 +38,31 @@ _HALF_STEPS = 400
 
 @dataclass(frozen=True, kw_only=True)
 class TabulatedPsf:
-    """A PSF by a table of its transfer function; made by one of its ``from_`` methods.
+    """A PSF given by a table of its OTF; made by one of the ``from_`` methods.
 
-    Its centre is the centroid. Operators take a PSF that is symmetric about its centre; what is
-    not is left out, and ``asymmetry`` says how much that is.
+    Its centre is the centroid. Operators need a PSF that is symmetric about its centre: the
+    asymmetric part is left out, and ``asymmetry`` says how large it is.
 
     Parameters
     ----------
     table
-        Real transfer at frequencies ``step_cy_per_px`` apart, shape ``(n + 1, 2 n + 1)``: rows from
-        fy = 0 on, columns about fx = 0. The transfer is the same at opposite frequencies, and 0
-        beyond the table.
+        Real OTF at frequencies ``step_cy_per_px`` apart, shape ``(n + 1, 2 n + 1)``: rows from
+        fy = 0 on, columns about fx = 0. The OTF is the same at opposite frequencies, and 0 beyond
+        the table.
     step_cy_per_px
-        Distance of two frequencies.
+        Distance between neighbouring frequencies.
     has_pixel
-        Whether the pixel is in the table; else a square one comes on top.
+        Whether the table includes the camera's pixel; if not, a square pixel is added.
     asymmetry
-        Root mean square of the imaginary part over that of the whole transfer, up to Nyquist.
+        Root mean square of the OTF's imaginary part, relative to that of the whole OTF, up to the
+        Nyquist frequency.
 
     Attributes
     ----------
     gaussian
-        The Gaussian whose contrast falls to a half where this one's does.
+        The Gaussian whose contrast falls to a half at the same frequencies.
     table_sha256
-        Hash of the table, by which two are told apart.
+        Hash of the table, by which two PSFs are distinguished.
 
     Examples
     --------
@@ -111,16 +112,17 @@ class TabulatedPsf:
         kernel
             Samples of the PSF, shape ``(rows, cols)``, in any unit; the rest of the plane is 0.
         samples_per_px
-            Samples per camera pixel along either axis. Beyond half of that, in cycles per pixel,
-            the transfer counts as 0.
+            Samples per camera pixel along either axis. Beyond half of that number, in cycles per
+            pixel, the OTF is taken as 0.
         has_pixel
-            Whether the kernel includes the camera's pixel, as one measured in its pictures does;
-            False for the PSF of the optics alone.
+            Whether the kernel includes the camera's pixel, as a kernel measured in its pictures
+            does; False for the PSF of the optics alone.
 
         Raises
         ------
         ArgumentError
-            If the kernel is not a finite image with a positive sum, or the sampling not positive.
+            If the kernel is not a finite image with a positive sum, or ``samples_per_px`` is not
+            positive.
         """
         values = _checked(kernel, "kernel", 2)
         total = float(values.sum())
@@ -144,20 +146,22 @@ class TabulatedPsf:
     @classmethod
     @checked
     def from_otf(cls, otf: OtfFunction, *, has_pixel: bool = True) -> Self:
-        """Return the PSF of a transfer function.
+        """Return the PSF with a given OTF.
 
         Parameters
         ----------
         otf
-            Of frequencies fx and fy in cycles per pixel, which broadcast; asked up to 2. Its phase
-            is that about the PSF's centre: a shift would count as asymmetry.
+            Function of the frequencies fx and fy in cycles per pixel, which broadcast; it is called
+            with frequencies up to 2. Its phase must be relative to the centre of the PSF: a shift
+            would count as asymmetry.
         has_pixel
-            Whether the camera's pixel is in it.
+            Whether the OTF includes the camera's pixel.
 
         Raises
         ------
         ArgumentError
-            If its values are not finite, not of the frequencies' shape, or not 1 at frequency 0.
+            If the values of ``otf`` are not finite, not of the frequencies' shape, or not 1 at
+            frequency 0.
         """
         steps = np.arange(-_FUNCTION_STEPS, _FUNCTION_STEPS + 1)
         step = _FUNCTION_LAST_CY_PER_PX / _FUNCTION_STEPS
@@ -175,21 +179,21 @@ class TabulatedPsf:
     @classmethod
     @checked
     def from_mtf(cls, freq_cy_per_px: ArrayLike, mtf: ArrayLike, *, has_pixel: bool = True) -> Self:
-        """Return the PSF of a lens that is alike in all directions, from a table of its contrast.
+        """Return the PSF of a lens that is the same in all directions, from a table of its MTF.
 
         Parameters
         ----------
         freq_cy_per_px
-            Frequencies from 0 on, increasing, shape ``(n,)``.
+            Frequencies in cycles per pixel, increasing from 0, shape ``(n,)``.
         mtf
-            Contrast there, 1 at frequency 0, shape ``(n,)``; 0 beyond the last.
+            MTF at these frequencies, 1 at frequency 0, shape ``(n,)``; it is 0 beyond the last.
         has_pixel
-            Whether the camera's pixel is in it.
+            Whether the MTF includes the camera's pixel.
 
         Raises
         ------
         ArgumentError
-            As ``SampledTransfer``.
+            If the table is not a valid MTF; see ``SampledTransfer``.
         """
         from simulation.psf.shapes import SampledTransfer
 
@@ -203,7 +207,7 @@ class TabulatedPsf:
     def from_pupil(
         cls, pupil: ArrayLike, *, cut_off_period_px: float, diameter: float | None = None
     ) -> Self:
-        """Return the PSF of a lens by its exit pupil, over square pixels.
+        """Return the PSF of a lens with a given exit pupil, in front of square pixels.
 
         Parameters
         ----------
@@ -213,18 +217,18 @@ class TabulatedPsf:
         cut_off_period_px
             Period of the finest grating that passes: wavelength times f-number over pixel pitch.
         diameter
-            Of the pupil, in samples; n if not given.
+            Diameter of the pupil in samples; n if None.
 
         Raises
         ------
         ArgumentError
-            If the pupil is not a finite, square array that passes light, or the period or the
-            diameter not positive.
+            If the pupil is not a finite, square array that passes light, or if the period or the
+            diameter is not positive.
 
         Notes
         -----
-        The transfer is the autocorrelation of the pupil (J. W. Goodman, Introduction to Fourier
-        Optics, section 6.3).
+        The OTF is the autocorrelation of the pupil (J. W. Goodman, Introduction to Fourier Optics,
+        section 6.3).
         """
         values = _checked(pupil, "pupil", 2, complex)
         if values.shape[0] != values.shape[1]:
@@ -255,22 +259,25 @@ class TabulatedPsf:
     def from_zernike(
         cls, waves: Mapping[int, float], *, cut_off_period_px: float, obscured: float = 0.0
     ) -> Self:
-        """Return the PSF of a lens by the Zernike coefficients of its wavefront, over pixels.
+        """Return the PSF of a lens from the Zernike coefficients of its wavefront.
+
+        The lens is in front of square pixels.
 
         Parameters
         ----------
         waves
-            Coefficients in wavelengths, by Noll's number: 4 is defocus, 5 and 6 astigmatism, 7 and
-            8 coma, 11 spherical. Each is the root mean square of its term over the pupil.
+            Coefficients in wavelengths, by Noll's index: 4 is defocus, 5 and 6 are astigmatism, 7
+            and 8 coma, 11 is spherical aberration. Each is the root mean square of its term over
+            the pupil.
         cut_off_period_px
             Period of the finest grating that passes: wavelength times f-number over pixel pitch.
         obscured
-            Diameter of a central obstruction over that of the pupil, 0 to below 1.
+            Diameter of a central obstruction relative to that of the pupil, from 0 to below 1.
 
         Raises
         ------
         ArgumentError
-            If a number is not a positive whole one, a coefficient not finite, or the obstruction
+            If an index is not a positive integer, a coefficient is not finite, or ``obscured`` is
             not in [0, 1).
 
         References

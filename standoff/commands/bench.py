@@ -61,7 +61,7 @@ def focus(
     -------
     measure: Focus measure.
     region: Part of the frame to use, in px; all of it by default.
-    frames: Live: frames in the median that is shown. Sweep: frames at each height.
+    frames: Live: number of frames in the median shown. Sweep: frames at each height.
     readings: Live: end after this many frames.
     sweep: Move the stage through the focus and fit the peak.
     from_mm: Sweep: lowest height in mm; the whole travel by default.
@@ -70,8 +70,8 @@ def focus(
     ends_at_peak: Sweep: move to the peak at the end.
     out: Sweep: also write a plot of the curve (PNG).
     noise: noise.json of the camera; the noise is measured by default.
-    geometry: Sweep: geometry.json of this lens, for the place of its entrance pupil; without it
-        that is part of the error.
+    geometry: Sweep: geometry.json of this lens, for the position of its entrance pupil; without
+        it, the unknown position adds to the error.
     target: Target under a simulated camera; edge by default.
     """
     if from_mm is not None and to_mm is not None and not from_mm < to_mm:
@@ -147,8 +147,8 @@ def stage(
 ) -> None:
     """Show, home, move, stop or unlock the height stage.
 
-    Ctrl-C brings it to a controlled stop. Stop says first whether the stage stopped, and exits
-    with 0 only if it did.
+    Ctrl-C brings the stage to a controlled stop. The action stop reports first whether the stage
+    stopped, and exits with 0 only if it did.
 
     Options
     -------

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from analysis.benchmark import BenchmarkScores
 
 benchmark = Typer(
-    name="benchmark", help="The public benchmark: make its data set, score programs on it."
+    name="benchmark", help="The public benchmark: make its data set, and score programs on it."
 )
 
 
@@ -32,7 +32,7 @@ def make(
     -------
     out: Folder for the set; one that was begun is resumed.
     size: tiny: a few MB; small: about 100 MB; full: about 1 GB.
-    seed: Of everything random; published results are for seed 1.
+    seed: Seed for everything random; published results are for seed 1.
     """
     made = library.make_benchmark(out, **terminal.keywords_of(library.make_benchmark))
     tasks = ", ".join(f"{count} {track}" for track, count in made.tasks.items())
@@ -56,7 +56,7 @@ def score(
 
     Options
     -------
-    results: Folders of results, one of each program.
+    results: Folders of results, one for each program.
     data: Folder of the data set, with its truth.
     out: Folder for scores.json, scores.csv, scores.md and scores.html.
     """
@@ -74,6 +74,6 @@ def _show(scores: BenchmarkScores, out: Path | None) -> None:
 
     for table in score_tables(scores):
         terminal.print_table(table.title, table.columns, table.marked_rows("*"))
-    terminal.say(f"{LEGEND}; * is the best of a row" if len(scores.programs) > 1 else LEGEND)
+    terminal.say(f"{LEGEND}; * marks the best of a row" if len(scores.programs) > 1 else LEGEND)
     if out is not None:
         terminal.say(f"wrote {', '.join(str(out / name) for name in library.SCORE_FILES)}")

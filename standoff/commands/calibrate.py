@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _WITH_AN_EDGE_TARGET = terminal.Given("method", ("all-angles", "paper"))
 _LINEAR = "--noise and --correct apply to linear grey levels"
 
-_NAMED = "What the first page of the report calls the {}."
+_NAMED = "Name of the {} on the first page of the report."
 
 
 def _spelt(region: str | None) -> str | None:
@@ -83,22 +83,22 @@ def calibrate(
     images: Photographs of edges.
     out: Where to write psf.json.
     session: Capture session whose edge captures are used.
-    method: Edges at any angle, or as in the paper; without an edge target, the edges of a scene, or
-        one scene at two distances.
+    method: With an edge target: edges at any angle, or as in the paper. Without one: the edges of a
+        scene, or one scene from two distances.
     zoom: Distance ratio (two-distance); found from image features by default.
     region: Part of the image to use: centre, or X,Y,W,H in px; all of it by default.
-    target: Whether edges of the scene beside an edge target are left out (auto), or all edges
-        count.
+    target: Whether to leave out edges of the scene beside an edge target (auto), or to use all
+        edges.
     channel: Channel of colour photographs; luma by default, green with --bayer.
     bayer: Bayer pattern of raw mosaics; each colour is measured separately.
     noise: noise.json of the camera, for photographs of unknown variance.
     correct: noise.json whose dark, flat and defect maps are applied first.
     csv: Also write a CSV table of the edges of an edge target, with their SFR.
     report: Also write a report on an edge target (HTML or PDF).
-    pixel_pitch_um: Pixel pitch of the sensor, for lp/mm; by default as the session's bench file or
-        EXIF states.
-    bench: Bench file (TOML) that states these and the pixel pitch: [labels], [optics].
-    limits: Limits for pass and fail (TOML); the exit status stays 0.
+    pixel_pitch_um: Pixel pitch of the sensor, for lp/mm; by default that of the session's bench
+        file or of the EXIF data.
+    bench: Bench file (TOML) with these names ([labels]) and the pixel pitch ([optics]).
+    limits: Limits for pass and fail (TOML); the exit status is 0 even if one fails.
     """
     labels = {"lens": lens, "camera": camera, "target": chart, "customer": customer}
     how = terminal.keywords_of(

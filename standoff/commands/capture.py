@@ -178,23 +178,23 @@ def plan_study(
     out: Annotated[Path | None, terminal.Result(".json")] = None,
     settings: terminal.BenchKeys = None,
 ) -> None:
-    """Predict what a planned session will know, and what it would take to know more.
+    """Predict how precisely a planned session will measure, and what would improve it.
 
     Options
     -------
     plan: Capture plan (TOML).
     psf: psf.json, as known today.
-    want: What is wanted, as half a 95 % interval: sigma=0.5%, transfer=1%, pupil=0.5mm, dprime=5%
+    want: Precision wanted, as half a 95 % interval: sigma=0.5%, transfer=1%, pupil=0.5mm, dprime=5%
         or tilt=0.3deg; may be repeated.
     photographs: Photograph of the scene; may be repeated. Built-in pictures by default.
-    photograph_count: Photographs of the scene that are planned; those given by default.
-    focus_scatter_px2: Scatter of the PSF's variance between captures in px^2; psf.json's if any.
-    height_scatter_mm: Scatter of heights read back about the true ones in mm.
+    photograph_count: Number of photographs of the scene planned; by default as many as are given.
+    focus_scatter_px2: Scatter of the PSF variance between captures in px^2; by default psf.json's.
+    height_scatter_mm: Scatter of the heights read back about the true heights in mm.
     noise: noise.json of the camera.
     geometry: geometry.json of an earlier session.
-    edges_per_capture: Edges that a capture shows; as in psf.json by default.
+    edges_per_capture: Number of edges in a capture; as in psf.json by default.
     edge_length_px: Length of an edge in px; as in psf.json by default.
-    levels: Levels of the edges in DN.
+    levels: Dark and bright level of the edges in DN.
     scene_noise_dn: Noise of a pixel of the photographs in DN.
     contrast_dn: Peak of the change in DN; 5 % of the mean level by default.
     signal_sigma_px: Sigma of the Gaussian change in px.
@@ -229,14 +229,14 @@ def _print_study(found: PlanStudy, out: Path | None) -> None:
     from analysis.study import NAMES
 
     terminal.print_table(
-        f"What the plan will know: {found.captures} captures of {found.frames_per_capture} frames, "
+        f"Expected precision: {found.captures} captures of {found.frames_per_capture} frames, "
         f"{found.edges} edges, {found.photographs} photographs of the scene",
         ["", "value", "± at 95 %", "relative", "mostly by"],
         [[NAMES[one.quantity], *_cells(one)] for one in found.predicted],
         ends_in_words=True,
     )
     terminal.say(*(one.sentence for one in found.wants))
-    terminal.say(*(f"taken for granted: {text}" for text in found.assumptions))
+    terminal.say(*(f"assumed: {text}" for text in found.assumptions))
     terminal.say(f"next: {found.next_step}")
     if out is not None:
         terminal.say(f"wrote {out}")

@@ -40,14 +40,14 @@ def _limit(
     -------
     spot_sigma_px: Width in px (sigma) of the spots whose detection limit is mapped.
     contrast_dn: Also say where a spot of C DN would have been found.
-    colour: Change that the limit is for in photographs in colour: grey, red, green, blue, or R,G,B,
-        its direction in linear levels.
+    colour: Colour of the change that the limit is for, in colour photographs: grey, red, green,
+        blue, or R,G,B, its direction in linear levels.
     pixel_size_mm: Side of a follow-up pixel on the scene, for sizes in mm.
     geometry: geometry.json of the camera, instead of --pixel-size-mm.
     reference_height_mm: Height at which the reference was taken; the lowest of --geometry by
         default.
-    curves: curves.json with observer changes: says how the limit compares with the one that was
-        predicted, and what the difference was lost to.
+    curves: curves.json for observer changes: report how the limit compares with the predicted one,
+        and what caused the difference.
     curve_noise_dn: Use the curve for this noise in DN.
     """
     return library.DetectionLimitOptions(**locals())
@@ -58,14 +58,12 @@ _Limit = Annotated["library.DetectionLimitOptions", terminal.MadeBy(_limit)]
 
 @terminal.command(
     *terminal.HINT_RULES,
-    terminal.excludes("geometry", "pixel_size_mm", because="either says how large a pixel is"),
+    terminal.excludes("geometry", "pixel_size_mm", because="both give the size of a pixel"),
     terminal.needs("reference_height_mm", "geometry"),
     terminal.needs("transfer", "psf"),
     terminal.needs("curve_noise_dn", "curves"),
     terminal.needs("curve_model", "curves"),
-    terminal.excludes(
-        "false_discovery_rate", "false_alarms", because="either decides the threshold"
-    ),
+    terminal.excludes("false_discovery_rate", "false_alarms", because="both set the threshold"),
 )
 def changes(
     reference: Path,
@@ -93,23 +91,23 @@ def changes(
 
     Options
     -------
-    reference: The earlier photograph, or a folder of them: pairs by name.
-    followup: The later photograph, from nearer or further away. Of several, or a folder of them,
-        each gets a folder.
+    reference: The earlier photograph, or a folder of them, paired with the follow-ups by name.
+    followup: The later photograph, from nearer or further away. If there are several, or a folder
+        of them, the results of each go to a folder of its own.
     out: Folder for the results; a series is resumed.
     psf: psf.json, or a PSF of your own; the blur is fitted to the pair by default.
     noise: noise.json of the camera; the noise is fitted by default.
-    white_level: Level of the files at which they are clipped; the file's own by default.
-    false_alarms: Pixels flagged by chance per frame.
+    white_level: Level at which the files are clipped; by default as each file states.
+    false_alarms: Expected number of pixels per frame that are flagged by chance.
     false_discovery_rate: Share of false ones among the listed changes, instead of --false-alarms.
-    count_moved: Count what a shift of a few pixels explains among the changes, not apart.
-    least: Amplitude below which what is significant is counted, not listed; the step of the files'
-        levels by default.
+    count_moved: List what a shift of a few pixels explains among the changes, not separately.
+    least: Amplitude below which significant differences are counted but not listed; by default the
+        step of the files' levels.
     report: Also write the report here (HTML or PDF); report.html is always in the folder.
     """
     if reference.is_dir() or library.is_series(followup):
         if hints is not None and hints.points is not None:
-            raise BadParameter("points are of one follow-up; give one", param_hint="--points")
+            raise BadParameter("points are for a single follow-up", param_hint="--points")
         if not library.holds_series(out, library.CHANGES_TABLE):
             terminal.refuse_replacing(*(out / name for name in library.FILES_OF_SERIES))
         how = terminal.keywords_of(library.find_changes_of_series)

@@ -38,7 +38,7 @@ def console(
 ) -> None:
     """Serve the operator console as a web page on this computer, until Ctrl-C.
 
-    Closing the page changes nothing: the bench is controlled from here.
+    Closing the page changes nothing: this program controls the bench.
 
     Options
     -------
@@ -54,7 +54,7 @@ def console(
     """
     if any(find_spec(name) is None for name in ("starlette", "uvicorn", "websockets")):
         raise ApplicationError(
-            "the console needs its extra: pip install 'standoff[console]', or make setup"
+            "the console is not installed: pip install 'standoff[console]', or make setup"
         )
     from standoff.console import (
         MIN_TOKEN_CHARS,

@@ -65,8 +65,8 @@ def detectability(
 
     Options
     -------
-    images: Photographs of the scene, or folders of them; URLs as well.
-    out: Where to write curves.json, a URL as well; figures come beside it.
+    images: Photographs of the scene, or folders of them; may be URLs.
+    out: Where to write curves.json; may be a URL. The figures are written beside it.
     psf: psf.json, or a PSF of your own.
     zooms: Distance ratios, each at least 1.
     noise: Standard deviations of the noise in DN, S[,S...], or a noise.json.
@@ -146,11 +146,11 @@ def _show_curves(out: Path, files: list[str], found: DetectabilityCurves) -> Non
 
 
 _READS_AS = {
-    "bicubic": "bicubic knows no PSF and is too optimistic",
+    "bicubic": "bicubic ignores the PSF and is too optimistic",
     "npw": "npw takes the scene's detail for white noise",
-    "hotelling": "hotelling is the best that any linear detector does",
-    "cho": "cho comes near the best linear detector, with six channels alone",
-    "changes": "changes is what standoff changes does",
+    "hotelling": "hotelling is the best linear detector",
+    "cho": "cho comes near the best linear detector with only six channels",
+    "changes": "changes predicts what the command standoff changes finds",
 }
 
 

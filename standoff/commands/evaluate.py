@@ -23,7 +23,7 @@ _CONTRASTS = terminal.ListedNumbers(option="--contrast", least=-inf)
 @terminal.command(
     terminal.needs("after", "masks"),
     terminal.needs("masks", "after"),
-    terminal.excludes("patch", "after", because="both say what changes"),
+    terminal.excludes("patch", "after", because="both define the change"),
 )
 def evaluate(
     detector: str,
@@ -67,17 +67,17 @@ def evaluate(
     zooms: Distance ratios, each at least 1.
     tilts: Tilts of the follow-up in degrees; with --focal-length-px.
     noise: Standard deviations of the noise of both photographs in DN, S[,S...].
-    contrast: Peaks of the change in DN, C[,C...], below 0 for darker ones, 12 by default; of
-        --patch and --after how much of it is there, 1 by default.
+    contrast: Peaks of the change in DN, C[,C...], negative for darker ones, 12 by default; with
+        --patch or --after, the fraction of the full change, 1 by default.
     signal_sigma: Sigma of the Gaussian change, in px of the photographs.
-    patch: Picture to paste as the change, as far as its alpha covers, instead.
-    after: Folder of the same scenes later, by the photographs' names; with --masks.
-    masks: Folder of masks of what changed, by the photographs' names.
-    pairs: Pairs with and pairs without a change for each photograph and point.
+    patch: Picture to paste as the change instead, weighted by its alpha channel.
+    after: Folder of later photographs of the same scenes, with the same names; needs --masks.
+    masks: Folder of masks of what changed, with the same names as the photographs.
+    pairs: Number of pairs with a change, and of pairs without, per photograph and condition.
     crop: Side of the reference of a pair in px.
     model: Capture model.
-    seed: Seed of all that is random.
-    timeout_s: Longest time for one pair in s.
+    seed: Seed for everything random.
+    timeout_s: Longest time allowed for one pair in s.
     report: Also write a report page (HTML).
     """
     is_part = sweep.part[1] > 1  # which writes no curves

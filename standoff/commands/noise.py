@@ -30,8 +30,8 @@ def noise(
     dark: Annotated[
         list[Path] | None,
         Option(
-            help=f"Dark frames of one's own: {_FRAMES}; again for another exposure. A folder of "
-            "folders is several.",
+            help=f"Your own dark frames: {_FRAMES}; repeat for each exposure. A folder of folders "
+            "holds several exposures.",
             metavar="FRAMES",
         ),
     ] = None,
@@ -48,10 +48,10 @@ def noise(
     Options
     -------
     session: Capture session with dark captures and a series of flats.
-    flat: Frames of an even white, likewise, at three levels or more.
-    dark_exposures_us: Exposure of each level of darks in turn; by default as EXIF or FITS states.
-    flat_exposures_us: The same of the flats.
-    white_level: Level of the frames at which they are clipped; the files' own by default.
+    flat: Frames of an evenly lit white surface, given likewise, at three levels or more.
+    dark_exposures_us: Exposure of each dark level, in order; by default as EXIF or FITS states.
+    flat_exposures_us: The same for the flats.
+    white_level: Level at which the frames are clipped; by default as the files state.
     out: Where to write noise.json; the maps are written beside it.
     report: Also write a report (HTML or PDF).
     """

@@ -64,8 +64,8 @@ def pose(
     Options
     -------
     reference: The earlier, nearer photograph.
-    followup: The photograph whose pose is judged, several, or a folder of them; unless live.
-    criterion: d' reaches the threshold in all of the overlap (min) or 95 % (quantile).
+    followup: The photograph whose pose is judged, or several, or a folder; not used live.
+    criterion: d' must reach the threshold in all of the overlap (min) or in 95 % of it (quantile).
     psf: psf.json, or a PSF of your own, for a finer registration.
     picture: Also write a map of d' (PNG or SVG).
     out: Folder for the results of several follow-ups; it is resumed.
@@ -224,7 +224,7 @@ def limits(
 ) -> None:
     """Find the largest distance ratio, tilt and shift that can keep d' above a threshold.
 
-    First measure the curves, with standoff detectability, or standoff evaluate for a detector.
+    Measure the curves first: with standoff detectability or, for a detector, standoff evaluate.
 
     Options
     -------
@@ -234,14 +234,14 @@ def limits(
     reference_tilt_deg: Tilt of the reference in degrees.
     direction_deg: Direction of the follow-up's tilt, in degrees from +x (the direction of the
         reference's tilt) towards +y; the worst direction by default.
-    aim: Pixel of the reference that the middle of the follow-up shows, 0,0 being the first one's
-        centre; by default the middle of the reference.
+    aim: Pixel of the reference that the middle of the follow-up shows; 0,0 is the centre of the
+        first pixel. By default the middle of the reference.
     at_zoom: Distance ratio at which to print the lowest detectable contrast.
     at_tilt_deg: Tilt at --at-zoom in degrees.
-    homography: H.json of a pose that is known: its d' instead of what a camera may do.
-    reference_size: Frame size WxH in px of the reference of --homography; as the follow-up's.
-    criterion: d' reaches the threshold in all of the overlap (min, by default) or 95 % (quantile),
-        with --homography.
+    homography: H.json of a known pose, to print its d' instead of the limits.
+    reference_size: Frame size WxH in px of --homography's reference; by default the follow-up's.
+    criterion: With --homography: d' must reach the threshold in all of the overlap (min, the
+        default) or in 95 % of it (quantile).
     plot: Also write a figure (PNG or SVG).
     """
     if homography is not None:
@@ -280,7 +280,7 @@ def _interval(ends: tuple[float | None, float | None], digits: int) -> str:
     if low is None and high is None:
         return ""
     least = "none" if low is None else f"{low:.{digits}f}"
-    most = "the curve's end" if high is None else f"{high:.{digits}f}"
+    most = "the end of the curve" if high is None else f"{high:.{digits}f}"
     return f" (95 %: {least} to {most})"
 
 
@@ -333,7 +333,7 @@ def _print_limits(found: PoseLimits, min_dprime: float, where: str) -> None:
         ],
     )
     terminal.print_table(
-        "Sideways shift: the sampling stays, the overlap shrinks",
+        "Sideways shift: the sampling stays the same, the overlap shrinks",
         ["shift / field width", "overlap"],
         [[f"{share:g}", f"{100 * overlap:.0f} %"] for share, overlap in found.overlap_by_shift],
     )

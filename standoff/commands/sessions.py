@@ -34,8 +34,8 @@ def verify(
 
     Options
     -------
-    repair: Make a new journal of what a damaged one and the captures themselves still say; the old
-        one is kept.
+    repair: Rebuild a damaged journal from what it and the captures still record; the old journal is
+        kept.
     """
     checked = library.verify_session(directory, repair=repair)
     report = checked.report
@@ -181,12 +181,12 @@ def set_height(
     reason: Reason,
     operator: terminal.OperatorName = None,
 ) -> None:
-    """Correct the height of imported photographs; what was recorded before is kept.
+    """Correct the height of imported photographs; the earlier value stays on record.
 
     Options
     -------
     indices: Indices of the captures.
-    height_mm: The right height of the camera in mm.
+    height_mm: The correct height of the camera in mm.
     """
     if not math.isfinite(height_mm):
         raise BadParameter(f"a height must be a finite number, got {height_mm}")
@@ -204,7 +204,7 @@ def set_aside(
     reason: Reason,
     operator: terminal.OperatorName = None,
 ) -> None:
-    """Move files that the journal does not name out of the folders of captures."""
+    """Move files that are not in the journal out of the capture folders."""
     moved = library.set_aside_files(directory, reason, operator=operator)
     terminal.say(*(f"{one['file']} is now {one['to']}" for one in moved))
     terminal.say(f"{directory}: {len(moved)} files set aside: {reason}")
@@ -247,8 +247,8 @@ def import_photographs(
     images: Photographs of one kind.
     kind: What the photographs show.
     out: Session folder; an existing session is resumed.
-    height_mm: Height of the camera in mm, corrected by session set-height. 0 if nobody knows it: a
-        PSF needs no height, geometry and validate do.
+    height_mm: Height of the camera in mm; session set-height corrects it. Give 0 if it is unknown:
+        calibrate needs no height, geometry and validate do.
     scale_px_per_mm: Scale in the plane of the target in px/mm.
     """
     require_folder(out, is_written=True)
@@ -270,9 +270,9 @@ def export(
     geometry: Path | None = None,
     force: terminal.Force = False,
 ) -> None:
-    """Write a session's captures, with heights, exposures, variance and provenance, for others.
+    """Export a session's captures, with heights, exposures, variance and provenance.
 
-    Captures that are excluded, or were taken again, are left out. The session stays as it is.
+    Excluded captures, and those replaced by a retake, are left out. The session is not changed.
 
     Options
     -------

@@ -37,7 +37,7 @@ _SHAPES: dict[PsfForm, str] = {
     "separable": "measured along x and y",
     "round": "measured, round",
     "elliptic": "measured, elliptic",
-    "free": "measured, free in shape",
+    "free": "measured, of free shape",
     "own": "your own",
 }
 
@@ -69,7 +69,7 @@ def _noise_or_number(text: str | None) -> Path | float | None:
     terminal.needs(
         "uncertainty",
         terminal.Given("model", tuple(name for name in MODELS if name != "bicubic")),
-        because="the other models state no kernel that errors could be followed through",
+        because="the other models have no kernel through which errors propagate",
     ),
     terminal.needs(terminal.Given("gaussian", ("sampled",)), terminal.Given("model", ("paper",))),
     terminal.needs(
@@ -125,7 +125,7 @@ def simulate(
     out: Where to write the follow-up (float32 TIFF).
     zoom: Distance ratio, at least 1.
     homography: H.json of another pose, instead of --zoom.
-    nearer: Also write a mask (PNG) of pixels sharper than the reference.
+    nearer: Also write a mask (PNG) of the pixels that should be sharper than the reference.
     psf: psf.json, or a PSF of your own.
     model: Capture model.
     gaussian: Blur by the exact transfer function, or by sampled weights (paper).
@@ -137,8 +137,8 @@ def simulate(
     uncertainty: Also write the standard error of each pixel (float32 TIFF).
     reference_noise: Noise of the reference: noise.json of the camera, or a standard deviation in
         DN; by default that of --noise, or of a capture with several frames.
-    focus_scatter: Standard deviation of the PSF's variance from capture to capture, by focus; by
-        default that of psf.json.
+    focus_scatter: Standard deviation of the PSF's variance from capture to capture, due to focus;
+        by default that of psf.json.
     seed: Seed for the noise and for training.
     centre_crop: Train on the central half only (kernelgan).
     sampler: Sample at exact grid points or nearest pixels (kernelgan); exact by default.

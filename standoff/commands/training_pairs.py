@@ -44,7 +44,7 @@ def sr_pairs(
 
     Options
     -------
-    images: Photographs, or folders of them; URLs as well.
+    images: Photographs, or folders of them; may be URLs.
     psf: psf.json, or a PSF of your own.
     zoom: Distance ratio, at least 1.
     out: Folder for the pairs, or a URL; an existing one is resumed.
@@ -54,7 +54,7 @@ def sr_pairs(
     test_fraction: Fraction of the photographs kept for testing.
     seed: Seed for the choice of test photographs.
     is_float: Write float32 TIFFs instead of rounded PNGs.
-    layout: Image files in folders, or tar files as the library webdataset reads.
+    layout: Image files in folders, or tar files for the webdataset library.
     """
     how = terminal.keywords_of(library.training_pairs, format=layout)
     summary = library.training_pairs(images, out, **how)
@@ -125,11 +125,11 @@ def change_pairs(
     contrast: Least and largest absolute peak of the change in DN.
     changes: Whether changes are brighter than the scene, darker, or either.
     signal_sigma: Least and largest sigma of the Gaussian change in px of the photographs.
-    pairs: Pairs with and pairs without a change for each photograph.
+    pairs: Number of pairs with a change, and of pairs without, per photograph.
     crop: Side of the reference of a pair in px.
     model: Capture model.
     test_fraction: Fraction of the photographs kept for testing.
-    seed: Seed of all that is random.
+    seed: Seed for everything random.
     """
     from calibration.documents import json_object
 

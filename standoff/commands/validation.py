@@ -59,7 +59,7 @@ def validate(
     session: Capture session with textures or charts.
     psf: psf.json of the camera, best calibrated with --region centre.
     out: Folder for the results.
-    references: Reference poses per target, the nearest first.
+    references: Number of reference poses per target, counted from the nearest.
     seed: Seed for training.
     """
     from analysis.validation import is_learned

@@ -105,7 +105,7 @@ def edge_in(source: EdgeImage, pixel_pitch_um: float | None) -> tuple[EdgeReadin
         return None, _why_not(edges)
     if not used:
         return None, (
-            "no straight edge for certain: what is there is too short, or too noisy, to be told "
+            "no straight edge is certain: what is there is too short or too noisy to distinguish "
             "from a texture; make the region larger, or expose more"
         )
     longest = max(used, key=lambda edge: edge.length_px)
@@ -128,7 +128,7 @@ class SteadyEdge:
         if reading is not None:
             self._last = reading
         if not self._is_shown:
-            return None, why_not or "no straight edge for certain: it comes and goes"
+            return None, why_not or "no straight edge is certain: it comes and goes"
         return self._last, ""
 
 

@@ -101,7 +101,7 @@ _REQUIREMENTS = {
 
 _EMPTY = ("string_too_short", "too_short")
 
-NOT_UNDERSTOOD = "This page is not of the console that runs now: reload it."
+NOT_UNDERSTOOD = "This page is from another version of the console: reload it."
 """Of what no operator typed: a page sends it only if it is older or newer than the console."""
 
 
@@ -113,7 +113,7 @@ def requirement(fault: ErrorDetails, unit: str = "") -> str:
     if fault["type"] in _EMPTY:
         least = facts["min_length"]
         return " must not be empty" if least == 1 else f" must have at least {least} entries"
-    text = _REQUIREMENTS.get(fault["type"], "cannot be that")
+    text = _REQUIREMENTS.get(fault["type"], "is not valid")
     return f" {text.format(unit=unit, **facts)}"
 
 

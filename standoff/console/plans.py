@@ -128,7 +128,7 @@ def plan_of(draft: PlanDraft) -> CapturePlan:
         raise _fault(text, validation_keys(error)) from error
     captures = captures_in(plan)
     if captures > MOST_CAPTURES:
-        raise DraftError(f"{captures} captures are more than {MOST_CAPTURES}", ("repeats",))
+        raise DraftError(f"{captures} captures; at most {MOST_CAPTURES} are allowed", ("repeats",))
     return plan
 
 
@@ -222,9 +222,9 @@ def _target(draft: TargetDraft, number: int) -> dict[str, Any]:
         if text.strip():
             table[name] = _numbers(text, f"{key}.{name}")
     if isinstance(table.get("exposure_us"), dict):
-        raise DraftError("exposures are a list, such as 1000 2000 4000", (f"{key}.exposure_us",))
+        raise DraftError("list the exposures, such as 1000 2000 4000", (f"{key}.exposure_us",))
     if isinstance(table.get("orientations_deg"), dict):
-        raise DraftError("orientations are a list, such as 5 95", (f"{key}.orientations_deg",))
+        raise DraftError("list the orientations, such as 5 95", (f"{key}.orientations_deg",))
     if draft.bracket_exposures:
         table["bracket"] = {"exposures": draft.bracket_exposures, "ratio": draft.bracket_ratio}
     if draft.reference.strip():

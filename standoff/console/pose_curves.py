@@ -141,7 +141,7 @@ class PoseCurves:
         _refuse_name(name)
         if len(data) > MOST_BYTES:
             raise ApplicationError(
-                f"{name} is larger than {MOST_BYTES // 2**20} MiB, which no file of curves is."
+                f"{name} is larger than {MOST_BYTES // 2**20} MiB: too large for a file of curves."
             )
         _refuse_too_many(name, _curves_in(name, data))
         folder = self._sessions / CURVES_FOLDER
@@ -149,14 +149,14 @@ class PoseCurves:
         with self._lock:
             if folder.is_symlink() or (folder / MANIFEST_NAME).exists():
                 raise ApplicationError(
-                    f"{folder} is a link or a session: no curves are kept there."
+                    f"{folder} is a link or a session: curves cannot be stored there."
                 )
             make_folder(folder)
             if not os.path.lexists(path):
                 write_file(path, data)
             elif path.is_symlink() or not path.is_file() or path.read_bytes() != data:
                 raise ApplicationError(
-                    f"There is already another file {CURVES_FOLDER}/{name}, which stays as it is: "
+                    f"There is already another file {CURVES_FOLDER}/{name}, which is not replaced: "
                     "give yours another name."
                 )
             self.view = replace(self.view, revision=self.view.revision + 1)
@@ -226,7 +226,7 @@ def _refuse_name(name: str) -> None:
 def _refuse_too_many(file: str, document: DetectabilityCurves) -> None:
     if len(document.curves) > MOST_CURVES:
         raise ApplicationError(
-            f"{file} has {len(document.curves)} curves; one of at most {MOST_CURVES} can be chosen."
+            f"{file} has {len(document.curves)} curves; at most {MOST_CURVES} can be listed."
         )
 
 

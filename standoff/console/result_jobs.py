@@ -230,9 +230,9 @@ def _lens_sentence(
         what = verdict.removeprefix(CHANGED)
         if now is not None and not now.is_at_heights_of(earlier):
             return (
-                f"Not the same as {since}: {what}. But that was calibrated at "
-                f"{_range_text(earlier)} and this at {_range_text(now)}, where the same lens is in "
-                "focus otherwise: calibrate at the same heights to tell whether it has moved."
+                f"Not the same as {since}: {what}. But that calibration was at "
+                f"{_range_text(earlier)} and this one at {_range_text(now)}, where the same lens "
+                "focuses differently: calibrate at the same heights to tell whether it has moved."
             )
         return f"The lens has moved, or its focus has changed, since {since}: {what}."
     return f"The lens has not moved since {since}, as far as this shows: {verdict}."
@@ -396,7 +396,7 @@ class ResultJobs:
         if earlier is None:
             return (
                 "There is no earlier calibration of this camera and lens among the sessions, so "
-                "nothing says whether the lens has moved."
+                "it is not known whether the lens has moved."
             )
         psf = session / RESULTS_FOLDER / FILES["calibrate"].document
         words = ("compare", "--", str(earlier.path), str(psf))

@@ -77,9 +77,9 @@ TITLES: Mapping[ResultKind, tuple[str, str, str]] = {
     ),
     "noise": ("Noise", "gain, read noise, defects", "measuring the noise of"),
     "validate": ("Validation", "simulated against captured follow-ups", "validating"),
-    "pose": ("Pose", "may two captures be compared?", "judging a pose of"),
+    "pose": ("Pose", "can two captures be compared?", "judging a pose of"),
     "changes": ("Changes", "what differs between two captures", "finding changes in"),
-    "report": ("Report", "the session and its results on one page", "writing the report of"),
+    "report": ("Report", "the session and its results on one page", "writing the report on"),
 }
 """Title, explanation, and the job's name in front of the session's."""
 

@@ -1,7 +1,7 @@
-"""What ``import standoff`` gives: the measurements and simulations, on arrays or on files.
+"""The public functions of ``import standoff``: measurements and simulations on arrays or files.
 
-Wherever a person would try either, a function takes an array or the path of a file. The packages
-hold the same functions on arrays alone.
+A function that takes an image takes an array as well as the path of a file. The packages hold the
+same functions for arrays only.
 """
 
 from standoff.front import front_of

@@ -1,4 +1,4 @@
-"""One call of the library: its arguments, what it reads, what it has to say, and how far it is."""
+"""One call of the library: its arguments, the files that it reads, its remarks, its progress."""
 
 import inspect
 import re
@@ -59,7 +59,7 @@ NoiseLike: TypeAlias = CaptureNoise | NoiseCalibration | NoiseMeasurement | File
 
 
 def listed_paths(files: FilePath | Iterable[FilePath], name: str) -> Iterator[Path]:
-    """Yield one path or several, which need not fit into memory; refuse what is none."""
+    """Yield one path or several, which need not fit into memory; refuse anything but paths."""
     given = iter([files] if isinstance(files, str | PathLike) else files)
     first = next(given, None)
     if first is None:
@@ -141,7 +141,7 @@ def _holds_paths(images: object) -> bool:
 
 
 def with_white_level(reading: ReadOptions | None, white_level: float | None) -> ReadOptions:
-    """Return how photographs are read where the level at which they are clipped is stated."""
+    """Return the read options with ``white_level``, if it is stated, as the clipping level."""
     options = reading or ReadOptions()
     return options if white_level is None else replace(options, white_level=white_level)
 
@@ -162,7 +162,7 @@ def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
 
 
 class Progress(Protocol):
-    """Shows how far a call is; ``docs/library.md`` fits it to tqdm and to rich.
+    """Shows the progress of a call; ``docs/library.md`` has adapters for tqdm and rich.
 
     Examples
     --------
@@ -181,30 +181,31 @@ class Progress(Protocol):
     """
 
     def bar(self, task: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
-        """Give a block a function that is called with the number of pieces done, of ``total``."""
+        """Begin a task of ``total`` steps; the block gets a function to call with those done."""
         ...
 
     def note(self, text: str) -> None:
-        """Take a remark at once, which stands among the ``notes`` of the result as well."""
+        """Show a remark as soon as it is made; the ``notes`` of the result include it as well."""
         ...
 
 
 class Silent:
-    """The progress of a call that nobody watches."""
+    """The progress of a call whose caller gave no ``progress``."""
 
     def bar(self, task: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
         """Show nothing."""
         return nullcontext(lambda _: None)
 
     def note(self, text: str) -> None:
-        """Keep silent: the result has it."""
+        """Show nothing: the result has the remark."""
 
 
 class Call:
     """What the parts of one public function share: its provenance, its remarks, its progress.
 
-    ``function`` names it in the provenance. Of ``files``, its other arguments, the paths are listed
-    there; ``white_level`` is the level at which photographs are clipped, where it is stated.
+    ``function`` is its name in the provenance. ``files`` are its other arguments, of which the
+    provenance lists the paths. ``white_level`` is the level at which photographs are clipped, if it
+    is stated.
     """
 
     def __init__(
@@ -231,7 +232,7 @@ class Call:
         return tuple(self._notes)
 
     def note(self, text: str) -> None:
-        """Make a remark, which whoever watches sees at once."""
+        """Make a remark that ``progress`` shows at once."""
         self.announce(text)
         self._progress.note(text)
 
@@ -250,7 +251,7 @@ class Call:
 
     @contextmanager
     def bar(self, task: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Give the block a function that shows how many of ``total`` pieces are done."""
+        """Give the block a function that shows how many of ``total`` steps are done."""
         with self._progress.bar(task, total) as advance_to:
             yield advance_to
 
@@ -259,7 +260,7 @@ class Call:
         return self.inputs.provenance(caller(self._function))
 
     def provenance_of(self, session: Session | None, *files: Path | None) -> Provenance:
-        """Return the provenance of what is made from a session, files, or both alone."""
+        """Return the provenance of what is made from only a session, only files, or both."""
         inputs = Inputs()
         if session is not None:
             inputs.add_session(session)
@@ -275,9 +276,9 @@ _R = TypeVar("_R")
 def with_keywords_of(
     other: Callable[..., object],
 ) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """Give a function that takes ``**how`` the keywords of another one, beside its own.
+    """Give a function that takes ``**how`` the keywords of another one, in addition to its own.
 
-    They stand in its signature, and in its docstring in the place of ``how``.
+    They replace ``how`` in its signature and in its docstring.
     """
 
     def decorated(function: Callable[_P, _R]) -> Callable[_P, _R]:

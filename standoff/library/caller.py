@@ -25,7 +25,7 @@ def caller(function: str) -> str:
 
 
 def login_name() -> str:
-    """The login name of whoever works here, or the number of a user whom the system cannot name."""
+    """The login name of the user, or the user's number if the system knows no name for it."""
     try:
         return getpass.getuser()
     except (ImportError, KeyError, OSError):

@@ -96,9 +96,9 @@ _DRAWING = Lock()
 class ComparisonRules:
     """How two photographs are compared, here or by a worker.
 
-    ``options`` have the noise and the rate of false alarms, ``hints`` the pose and the masks. At
-    ``white_level`` the files are clipped; None takes their own. ``scale`` says how large pixels
-    are.
+    ``options`` hold the noise and the number of false alarms, ``hints`` the pose and the masks.
+    ``white_level`` is the level at which the files are clipped; None takes the files' own.
+    ``scale`` holds the size of a pixel.
     """
 
     options: ChangeOptions = field(default_factory=ChangeOptions)
@@ -114,7 +114,7 @@ class ComparisonRules:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ComparedPhotographs(ChangeResult):
-    """Two photographs and what changed between them; ``left_out`` is the operator's mask."""
+    """Two photographs and what changed between them; ``left_out`` masks the pixels left out."""
 
     reference: Photograph
     followup: Photograph
@@ -135,12 +135,12 @@ class ComparedPhotographs(ChangeResult):
         return self.summary.to_dataframe()
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
-        """Return a figure of the follow-up with its changes, both differences, significance."""
+        """Return a figure of the follow-up with its changes, both differences and significance."""
         followup = self.followup
         return plot_changes(self, followup.colour_planes if followup.is_colour else None, ax)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the list of changes as ``standoff changes --json`` prints it, without folder."""
+        """Return the summary as ``standoff changes --json`` prints it, without the folder."""
         return json_object(self.summary)
 
     def page(self) -> str:
@@ -214,54 +214,58 @@ def find_changes(
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> ComparedPhotographs:
-    """Find what changed between two photographs that their poses do not explain.
+    """Find the changes between two photographs that pose, blur and light do not explain.
 
     Parameters
     ----------
     reference, followup
-        Arrays or files; the follow-up is the later one, from nearer or further away.
+        Arrays or files; the follow-up is the later photograph, from nearer or further away.
     psf
-        The camera's PSF; without it the blur between the photographs is fitted to them.
+        The camera's PSF; without it, the blur between the photographs is fitted to them.
     transfer
-        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+        Which PSF of a calibration to use: ``measured``, ``gaussian``, or ``best``: the measured
+        one if the calibration has it, else the Gaussian.
     noise
-        Noise of both captures, or the path of a noise.json; without it the noise is fitted.
+        Noise of both photographs, or the path of a noise.json; without it, the noise is fitted.
     false_alarms
-        Expected number of pixels flagged by chance per frame.
+        Expected number of pixels per frame that are flagged by chance.
     false_discovery_rate
-        Share of false ones among the listed changes, instead.
+        Expected share of false changes among those listed; if given, it sets the threshold instead
+        of ``false_alarms``.
     hints
-        What is known of the pose beforehand, as in ``register``, or of `alignment_hints`; pixels
-        that do not count are not compared either.
+        What is known of the pose beforehand: `RegistrationHints`, or the result of
+        `alignment_hints`. Pixels that the hints leave out are not compared either.
     white_level
-        Level of the files at which they are clipped; the files' own by default.
+        Level, as it is stored, at which the files are clipped; by default the files' own.
     limit
-        Which spots the detection limit is mapped for, how large a pixel is in mm, and the curves
-        that predict a limit.
+        Spots for which the detection limit is mapped, size of a pixel in mm, and curves that
+        predict a limit.
     count_moved
-        Count what a shift of a few pixels explains among the changes, not apart.
+        Whether what a shift of a few pixels explains is listed among the changes; by default it
+        is listed apart, in ``summary.moved``.
     least
-        Amplitude in DN below which what is significant is counted and not listed; the step of the
-        files' levels by default.
+        Amplitude in DN below which significant changes are counted but not listed; by default the
+        step of the files' levels.
     reading
         How files are read; see ``standoff.reading``.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     ComparedPhotographs
-        Its ``summary.changes`` is the list; the maps are on the follow-up's pixels; ``write``
-        writes all of it into a folder.
+        ``summary.changes`` is the list of changes; the maps are on the follow-up's pixels;
+        ``write`` writes list, maps and report into a folder.
 
     Raises
     ------
     TypeError
         If an argument has the wrong type.
     ApplicationError
-        If a photograph cannot be read, or a hint does not belong to it.
+        If a photograph cannot be read, or a hint does not fit the photographs.
     AnalysisError, CalibrationError
-        If they overlap too little, or cannot be aligned; the message names the follow-up.
+        If the photographs overlap too little or cannot be aligned; the message names the
+        follow-up.
 
     Examples
     --------
@@ -465,8 +469,8 @@ def _decoded_alike(
     if len(other.encoding.curves) > 1 and not copy.is_colour:
         return near, far, ()
     said = (
-        f"{copy.name} does not say how its levels are encoded and holds those of {other.name}: "
-        f"taken as {other.encoding.name}, as that one is"
+        f"{copy.name} does not say how its levels are encoded and has those of {other.name}: "
+        f"read as {other.encoding.name}, like that file"
     )
     taken = copy.taken_as(other.encoding, f"as {other.name}")
     return (taken, far, (said,)) if is_near else (near, taken, (said,))

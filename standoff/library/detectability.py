@@ -72,11 +72,11 @@ def known_errors(
     focus_scatter_px2: float | None = None,
     registration_err_px: float | None = None,
 ) -> ErrorSources:
-    """Return what is known of the errors of a camera, with a noise that is taken as stated.
+    """Return what is known of a camera's errors; its noise is taken to have no error.
 
-    A calibration says how sure it is and how its captures scattered; a bare PSF says nothing. A
-    scatter that is stated counts instead of the calibration's, and for its captures as well if it
-    cannot tell it.
+    A calibration states its own errors and the focus scatter of its captures; a bare PSF states
+    neither. A stated scatter replaces the calibration's. If the calibration has none, the stated
+    one also gives the error that the focus of its captures leaves in it.
     """
     stored = None if psf is None else calibration_of(psf)
     variance_err_px2: float | None = None
@@ -103,7 +103,7 @@ def known_errors(
 
 
 def noise_relative_err(noise: NoiseLike, levels_dn: FloatArray) -> float | None:
-    """Return the standard error of a noise.json at levels, over the noise; None if unknown."""
+    """Return the relative standard error of the noise at levels; None if it is not known."""
     known = read_noise(Path(noise)) if isinstance(noise, str | PathLike) else noise
     return known.relative_err(levels_dn) if isinstance(known, NoiseCalibration) else None
 
@@ -150,7 +150,7 @@ def d_prime_curves(
     *,
     reading: ReadOptions | None = None,
 ) -> DetectabilityCurves:
-    """Measure how well a change can be detected, at best, from different distances.
+    """Compute curves of d': how well a change can be detected, at best, from further away.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def d_prime_curves(
         The camera's PSF; only model ``bicubic`` works without it.
     task
         Zooms, noises, contrasts, models and observers; the defaults of ``DetectionTask`` if None.
-        Where its ``sources`` say nothing, they are what the calibration says of its errors.
+        If its ``sources`` state nothing at all, they are taken from the calibration.
     reading
         How the photographs are read; see ``standoff.reading``.
 
@@ -203,10 +203,10 @@ CurveLike: TypeAlias = DetectabilityCurve | DetectabilityCurves | FilePath
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class AllowedMovement(PoseLimits):
-    """Movement that keeps d' at the threshold, of a reference that may be tilted itself.
+    """Camera movement that keeps d' at the threshold or above; the reference may be tilted itself.
 
-    ``contrast_found_dn`` is the least contrast whose d' reaches the threshold at ``at_zoom`` and
-    ``at_tilt_deg``, if they were asked for.
+    ``contrast_found_dn`` is the least contrast whose d' reaches the threshold at the pose
+    ``at_zoom`` and ``at_tilt_deg``; None if no such pose was asked for.
     """
 
     reference_tilt_deg: float = 0.0
@@ -232,7 +232,7 @@ class AllowedMovement(PoseLimits):
         }
 
     def write_plot(self, path: FilePath) -> None:
-        """Write the figure of ``plot`` as PNG or SVG, as the name says.
+        """Write the figure of ``plot`` as PNG or SVG, by the ending of the name.
 
         Raises
         ------
@@ -262,10 +262,10 @@ def write_curves(path: FilePath, curves: DetectabilityCurves) -> None:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file to write.
     curves
-        As ``d_prime_curves`` returns them; those of ``measure_curves`` have a ``write`` that draws
-        figures beside the file.
+        As ``d_prime_curves`` returns them. The result of ``measure_curves`` has its own ``write``,
+        which also draws figures beside the file.
 
     Raises
     ------
@@ -304,38 +304,42 @@ def pose_limits(
     Parameters
     ----------
     curve
-        One of the curves of ``d_prime_curves``, or a curves.json.
+        Curves of ``d_prime_curves`` or one of them, or the path of a curves.json or an
+        evaluation.json.
     min_d_prime
-        The threshold.
+        Threshold of d'.
     choice
-        Which curve, if there are several.
+        Selects one curve, if there are several.
     geometry
-        geometry.json of the camera.
+        Path of the camera's geometry.json.
     focal_length_px, image_size
-        Focal length and ``(width, height)`` of the camera, instead of ``geometry``.
+        Focal length in px and image size ``(width, height)`` in px, instead of ``geometry``.
     reference_tilt_deg
-        Of the reference, towards +x.
+        Tilt of the reference, towards +x.
     direction_deg
-        Of the follow-up's tilt, from +x towards +y; the worst by default.
+        Direction of the follow-up's tilt, from +x towards +y; by default the worst direction.
     aim_px
         Pixel ``(x, y)`` of the reference that the middle of the follow-up shows, 0 at the centre
-        of the first one; by default the middle of the reference.
+        of the first pixel; by default the middle of the reference.
     at_zoom, at_tilt_deg
-        Pose at which the least detectable contrast is wanted as well.
+        Distance ratio and tilt of a pose for which the least detectable contrast is computed as
+        well.
     focus_scatter_px2
         Standard deviation of the PSF's variance from capture to capture, instead of the curve's.
 
     Returns
     -------
     AllowedMovement
-        Zoom, tilt and overlap; d' is an upper bound, and so are they.
+        Limits of zoom and tilt, and the overlap after a shift. As d' is an upper bound, so are
+        the limits.
 
     Raises
     ------
     TypeError
         If an argument has the wrong type.
     ArgumentError
-        If the camera is unknown, several curves are meant, or the threshold is not positive.
+        If neither ``geometry`` nor focal length and image size are given, if not exactly one curve
+        is selected, or if the threshold is not positive.
     NotDetectableError
         If d' is below the threshold even at equal poses.
 
@@ -357,7 +361,7 @@ def pose_limits(
     if at_zoom is not None:
         if found.observer == "detector":
             raise ArgumentError(
-                f"the scores of {found.detector} say nothing of other contrasts; evaluate it with "
+                f"the scores of {found.detector} do not cover other contrasts; evaluate it with "
                 "--contrast"
             )
         pose = FollowupPose(
@@ -384,13 +388,13 @@ def given_curve(
     choice: CurveChoice | None = None,
     focus_scatter_px2: float | None = None,
 ) -> DetectabilityCurve:
-    """Return the one curve that is meant, with a scatter of the focus if one is stated."""
+    """Return the one curve that is selected, with the focus scatter if one is stated."""
     accepted("min_d_prime", min_d_prime, float)
     accepted("focus_scatter_px2", focus_scatter_px2, float | None)
     chosen = _chosen_curve(curve, choice)
     if focus_scatter_px2 is not None and chosen.uncertainty is None:
         raise ArgumentError(
-            f"{chosen.name}: this curve does not know what the focus does to it; write it anew "
+            f"{chosen.name}: this curve does not state how it depends on the focus; write it again "
             "with standoff detectability"
         )
     return chosen.knowing(focus_scatter_px2=focus_scatter_px2)
@@ -421,7 +425,7 @@ def read_any_curves(path: Path) -> DetectabilityCurves:
 def _viewing_camera(
     geometry: FilePath | None, focal_length_px: float | None, image_size: tuple[int, int] | None
 ) -> ViewingCamera:
-    """Return the camera of a geometry.json, or that of these figures."""
+    """Return the camera of a geometry.json, or one of this focal length and image size."""
     if geometry is not None:
         stored = read_geometry(path_of(geometry, "geometry"))
         if stored.width_px is not None and stored.height_px is not None:
@@ -450,7 +454,7 @@ def _viewing_camera(
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # without slots: keeps results
 class JudgedHomography(Shown, ByValue):
-    """d' over a follow-up whose pose is known, and the verdict by the curve.
+    """d' over the frame of a follow-up whose pose is known, and the verdict on that pose.
 
     Parameters
     ----------
@@ -459,7 +463,7 @@ class JudgedHomography(Shown, ByValue):
     reference_size, followup_size
         ``(width, height)`` in px.
     notes
-        What there is to say of it, in sentences.
+        Remarks, one sentence each.
     """
 
     quality: PoseQuality
@@ -487,13 +491,13 @@ class JudgedHomography(Shown, ByValue):
 
     @cached_property
     def dprime_quantile(self) -> float:
-        """Value of d' that all but 5 % of the overlap reach."""
+        """Value of d' that is reached in all but 5 % of the overlap."""
         seen = self.quality.d_prime[self.quality.sampling.inside]
         return float(np.quantile(seen, QUANTILE, method="lower"))
 
     @cached_property
     def zoom_median(self) -> float:
-        """Median over the overlap of the local zoom, along the coarser direction."""
+        """Median of the local zoom over the overlap, along the direction sampled more coarsely."""
         sampling = self.quality.sampling
         return float(np.median(sampling.worst_zoom[sampling.inside]))
 
@@ -537,23 +541,24 @@ def judge_homography(
     criterion: Criterion = "min",
     focus_scatter_px2: float | None = None,
 ) -> JudgedHomography:
-    """Judge a pose that is known, without photographs.
+    """Judge a pose by its homography, without photographs.
 
     Parameters
     ----------
     homography
-        Maps follow-up pixels ``(x, y, 1)`` to reference pixels: shape (3, 3), or the path of an
-        H.json.
+        Maps follow-up pixels ``(x, y, 1)`` to reference pixels: a matrix of shape (3, 3), a
+        `Homography`, or the path of an H.json.
     curve
-        One of the curves of ``d_prime_curves``, or a curves.json.
+        Curves of ``d_prime_curves`` or one of them, or the path of a curves.json or an
+        evaluation.json.
     min_d_prime
-        The threshold.
+        Threshold of d'.
     choice
-        Which curve, if there are several.
+        Selects one curve, if there are several.
     size
-        ``(width, height)`` of the follow-up, for a bare matrix; that of H.json otherwise.
+        ``(width, height)`` of the follow-up in px, for a bare matrix; otherwise that of H.json.
     reference_size
-        ``(width, height)`` of the reference; by default that of the follow-up.
+        ``(width, height)`` of the reference in px; by default that of the follow-up.
     criterion
         ``min``: d' reaches the threshold everywhere in the overlap; ``quantile``: in all but 5 %.
     focus_scatter_px2
@@ -569,9 +574,9 @@ def judge_homography(
     TypeError
         If an argument has the wrong type.
     ArgumentError
-        If several curves are meant, or a size is missing.
+        If not exactly one curve is selected, or a size is missing.
     AnalysisError
-        If the follow-up sees nothing of the reference, or the plane's horizon.
+        If the follow-up shows nothing of the reference, or shows the plane's horizon.
     CalibrationError
         If H.json cannot be read.
 
@@ -600,7 +605,7 @@ def judge_homography(
         )
         matrix = whole.nearest_homography()
         named = fspath(homography) if isinstance(homography, str | PathLike) else "homography"
-        call.note(f"{named}: judged by the homography nearest to it and its lens's distortion")
+        call.note(f"{named}: judged by the homography nearest to its pose and lens distortion")
     quality = pose_quality(matrix, followup_size, frame, found, min_d_prime, criterion)
     if quality.beyond_curve > 0:
         call.note(quality.beyond_curve_sentence)

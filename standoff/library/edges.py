@@ -1,4 +1,4 @@
-"""The edges of photographs and of sessions, and the files of what is measured on them."""
+"""Edges of photographs and of sessions, and the table of what is measured on them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -55,9 +55,9 @@ class Reading:
     """How the planes of a photograph become the one that is measured.
 
     Of a mosaic (``pattern``), all colours are measured; ``channel`` is the one shown.
-    ``correction`` are maps of the sensor to apply, ``frame_noise`` is the noise of a frame for
-    photographs that do not tell it. ``pixel_pitch_um`` is the one that ``pixel_pitch_from`` states,
-    which comes before what a session or a photograph does.
+    ``correction`` are maps of the sensor to apply, ``frame_noise`` is the noise of one frame, for
+    photographs that do not state it. ``pixel_pitch_um`` is stated by what ``pixel_pitch_from``
+    names, and takes precedence over the pitch that a session or a photograph states.
     """
 
     channel: Channel = "luma"
@@ -290,7 +290,7 @@ def measure_edges(
     Returns
     -------
     tuple of EdgeMeasurement
-        Edges that are not used are included, with a flag that says why.
+        All edges found; those that are not used have a flag that says why.
 
     Raises
     ------
@@ -315,14 +315,14 @@ def measure_edges(
 
 @checked
 def write_edge_table(path: FilePath, psf: PsfCalibration) -> None:
-    """Write the edges of a calibration as CSV, a line an edge, with their SFR.
+    """Write the edges of a calibration as CSV, one row per edge, with their SFR.
 
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file to write.
     psf
-        A calibration with its edges.
+        A calibration, as ``calibrate_psf`` returns it.
 
     Raises
     ------

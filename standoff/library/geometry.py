@@ -33,30 +33,31 @@ def calibrate_geometry(
     Parameters
     ----------
     session
-        With a board, chart or texture at two or more heights.
+        A session, or its folder, with a board, chart or texture at two or more heights.
     board
-        The ChArUco board, or ``COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]``.
+        The ChArUco board, as an object or as a text
+        ``COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]``.
     scale_px_per_mm
-        At the lowest height, measured by other means.
+        Scale at the lowest height, if it was measured by other means.
     focal_length_px
-        Instead of the bench file's.
+        Focal length in px; by default that of the bench file.
     report
-        Also write a report, HTML or PDF.
+        Path of a report to write as well, HTML or PDF.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     GeometryCalibration
-        With standard errors; ``notes`` and ``excluded`` say what to know of it, and
-        ``write_geometry`` writes it.
+        The geometry with standard errors. ``excluded`` lists captures that were not used,
+        ``notes`` anything unusual; ``write_geometry`` writes it to a file.
 
     Raises
     ------
     ArgumentError
         If the board is not understood, or a number not positive.
     GeometryError
-        If the captures do not determine it.
+        If the captures do not determine the geometry.
 
     Examples
     --------

@@ -39,24 +39,24 @@ class DetectionLimitOptions:
     Parameters
     ----------
     spot_sigma_px
-        Width of the spots whose limit is mapped, as the follow-up shows them.
+        Width (sigma) in follow-up pixels of the spots for which the limit is mapped.
     contrast_dn
-        Amplitude about which to say in what share of the pixels it would have been found.
+        Amplitude in DN: the share of the pixels where it would have been found is reported.
     colour
-        Change of colour that the limit is for, of photographs in colour: ``grey``, ``red``,
-        ``green``, ``blue``, or three numbers ``R,G,B``, its direction in linear levels. Amplitudes
-        are those of the channel that changes most.
+        For photographs in colour, the change of colour that the limit is for: ``grey``, ``red``,
+        ``green``, ``blue``, or a text ``R,G,B`` of three numbers, its direction in linear levels.
+        Amplitudes are those of the channel that changes most.
     pixel_size_mm
         Side of a follow-up pixel on the scene, for sizes in mm.
     geometry, reference_height_mm
-        Instead of it the camera's geometry, and the height at which the reference was taken; by
-        default the lowest of the geometry. With neither, sizes are those on the sensor, if the
-        PSF's calibration states the pixel pitch.
+        Instead of ``pixel_size_mm``: the camera's geometry, and the height at which the reference
+        was taken, by default the lowest of the geometry. With neither, sizes in mm are those on
+        the sensor, if the PSF's calibration states the pixel pitch.
     curves
-        Curves of d' with one of observer ``changes``: the limit that it predicts is held against
-        the one that the pair shows.
+        Curves of d', one of them of observer ``changes``: the limit that it predicts is compared
+        with the one of the two photographs.
     curve_model, curve_noise_dn
-        Which of several such curves.
+        Model and noise that select one of several such curves.
 
     Raises
     ------
@@ -91,12 +91,12 @@ class DetectionLimitOptions:
             )
         if self.reference_height_mm is not None and self.geometry is None:
             raise ArgumentError(
-                "needs a geometry, which has the scale there", argument="reference_height_mm"
+                "needs a geometry, for the scale at that height", argument="reference_height_mm"
             )
 
 
 def limit_rgb(colour: str) -> tuple[float, float, float]:
-    """Return the direction of a change of colour, its largest part 1."""
+    """Return the direction of a change in red, green and blue, its largest component 1."""
     known = _LIMIT_COLOURS.get(colour)
     if known is not None:
         return known
@@ -115,7 +115,7 @@ def limit_rgb(colour: str) -> tuple[float, float, float]:
 
 
 def limit_files(options: DetectionLimitOptions | None) -> tuple[object, ...]:
-    """What the options were read from, for the provenance."""
+    """Return the geometry and the curves of the options, for the provenance."""
     return () if options is None else (options.geometry, options.curves)
 
 
@@ -123,8 +123,8 @@ def limit_files(options: DetectionLimitOptions | None) -> tuple[object, ...]:
 class SceneScale:
     """Side of a pixel in mm; None where nothing states it.
 
-    On the scene, of the follow-up's pixels or of the reference's, where it is known for those; and
-    on the sensor.
+    ``followup_mm`` and ``reference_mm`` are sides of their pixels on the scene, ``sensor_mm`` is
+    the side on the sensor.
     """
 
     followup_mm: float | None = None

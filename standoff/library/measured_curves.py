@@ -68,10 +68,10 @@ _COLUMNS = dict.fromkeys(_TEXT, str) | dict.fromkeys((*_NUMBERS, *_FOUND), float
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class MeasuredCurves(Shown):
-    """Curves, and what became of the photographs.
+    """Curves of d', and how many photographs could be used.
 
-    ``curves`` is None where only a part of the photographs was measured. ``copies_list`` names the
-    file that lists photographs with the content of another one, if there are any.
+    ``curves`` is None if only a part of the photographs was measured. ``copies_list`` is the file
+    that lists photographs with the same content as another one, None if there are no such ones.
     """
 
     curves: DetectabilityCurves | None
@@ -84,7 +84,7 @@ class MeasuredCurves(Shown):
         return Shown._repr_html_(self) if self.curves is None else self.curves._repr_html_()
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the curves as a pandas table, a line for each curve and zoom."""
+        """Return the curves as a pandas table, one row per curve and zoom."""
         return self._whole.to_dataframe()
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
@@ -100,7 +100,8 @@ class MeasuredCurves(Shown):
     def write(self, path: FilePath, *, parquet: bool = False) -> list[Path]:
         """Write curves.json, and the figures beside it, all or none; return the figures' paths.
 
-        With ``parquet`` the curves are also written as a table, a line for each curve and zoom.
+        With ``parquet``, the curves are also written as a Parquet table, one row per curve and
+        zoom.
 
         Raises
         ------
@@ -167,41 +168,43 @@ def measure_curves(
     images
         Photographs of the scene, or folders of them.
     state
-        Folder for what is measured, photograph by photograph.
+        Folder that keeps the results of each photograph, so that the measurement can be resumed.
     psf
         The camera's PSF; only model ``bicubic`` works without it.
     task
         Zooms, noises, contrasts, models and observers; the defaults of ``DetectionTask`` if None.
     transfer
-        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+        Which PSF of a calibration to use: ``measured``, ``gaussian``, or ``best``: the measured
+        one if the calibration has it, else the Gaussian.
     signal
         Image patch to use as the change, instead of the task's.
     noise
-        A camera's noise, instead of the task's.
+        Noise of a capture, or the path of a noise.json, instead of the task's noises.
     focus_scatter_px2
         Standard deviation of the PSF's variance from capture to capture, for the intervals; by
-        default that of the calibration, if its captures show it.
+        default that of the calibration, if it states one.
     registration_err_px
         Standard deviation of a pair's registration error along either axis.
     sweep
-        Who works, and on what part; by default this process, on all.
+        Number of worker processes, and which part of the work to do, see `SweepOptions`; by
+        default this process does all of it.
     reading
         How files are read; see ``standoff.reading``.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     MeasuredCurves
-        ``curves``, unless only a part was measured, and what became of the photographs.
+        ``curves``, unless only a part of the photographs was measured, and their counts.
 
     Raises
     ------
     ArgumentError
         If the change does not fit into the window.
     ApplicationError, AnalysisError, CalibrationError
-        If the PSF cannot be read, the state cannot be written, no worker is fit, or there is no
-        photograph that can be measured.
+        If the PSF cannot be read, ``state`` cannot be written, no usable worker is available, or no
+        photograph can be measured.
 
     Examples
     --------
@@ -238,7 +241,7 @@ def measure_curves(
     if measured.copies:
         have = "photograph has" if measured.copies == 1 else "photographs have"
         call.note(
-            f"{measured.copies} {have} the content of another; each counts as often as it comes; "
+            f"{measured.copies} {have} the content of another; every copy is counted; "
             f"see {measured.copies_list}"
         )
     return replace(measured, curves=curves, notes=call.notes)
@@ -302,7 +305,7 @@ def _some_photographs(
 
 
 def curves_made_by(path: Path) -> str | None:
-    """Return what made the curves of a curves.json; None if there are none, or nobody knows."""
+    """Return what made a curves.json; None if there is no such file, or it is not known."""
     try:
         stored = read_curves(path).provenance if not is_url(path) and path.is_file() else None
     except ResultsFileError:
@@ -311,7 +314,7 @@ def curves_made_by(path: Path) -> str | None:
 
 
 def state_of_curves(out: FilePath) -> Path:
-    """Folder for what is measured, beside the curves; of a URL in the working folder."""
+    """Folder of the results per photograph: beside the curves; for a URL, in the working folder."""
     path = path_of(out, "out")
     return (Path(path.name) if is_url(path) else path).with_suffix(".sweep")
 

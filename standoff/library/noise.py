@@ -1,4 +1,4 @@
-"""Photon transfer and correction maps from darks and flats, of a session or of one's own."""
+"""Photon transfer and correction maps, from darks and flats of a session or of other frames."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -139,7 +139,7 @@ def _listed(items: list[object], name: str) -> Iterator[_Given]:
         return
     if any(single):
         raise ArgumentError(
-            "of its values some are frames and some are levels of several; give one or the other",
+            "some of its values are single frames, others levels of several; give one or the other",
             argument=name,
         )
     for index, item in enumerate(items):
@@ -294,7 +294,7 @@ class _Reading:
                 )
         if not found.saturations_dn:
             raise ArgumentError(
-                "levels in floating point do not tell where the camera clips: say it",
+                "floating-point levels do not show where the camera clips: give the white level",
                 argument="white_level",
             )
         top_dn = min(found.saturations_dn)
@@ -302,11 +302,11 @@ class _Reading:
         notes = []
         if stated is None and max(group.max_dn for group in groups) < top_dn:
             notes.append(
-                f"no frame reaches {top_dn:g}, where the numbers of the files end: if the camera "
-                "clips below, state its white level"
+                f"no frame reaches {top_dn:g}, the largest level that the files can hold: if the "
+                "camera clips below it, state its white level"
             )
         if found.is_mosaic:
-            notes.append("of raw mosaics one green pixel of each square of four is measured")
+            notes.append("in raw mosaics, one green pixel of every square of four is measured")
         return noise_captures(
             groups,
             max_level_dn=top_dn,
@@ -366,7 +366,7 @@ def _refuse_other_exposure(frame: Photograph, exposure_us: float | None, group: 
     )
     raise NoiseError(
         f"{frame.name} is {one}, other frames of {group.name} {other}: a level has one exposure; "
-        "give each in a folder or list of its own",
+        "put each exposure in a folder or list of its own",
         reason="settings",
     )
 
@@ -409,38 +409,39 @@ def measure_noise(
     Parameters
     ----------
     session
-        With dark captures and a series of flats; or give frames of your own as ``darks`` and
-        ``flats``.
+        A session, or its folder, with dark captures and a series of flats. Instead of it, frames
+        can be given as ``darks`` and ``flats``.
     darks, flats
-        Single frames, two of a level at least, of flats at three levels at least. A level is a
-        folder, a pattern such as ``"flats/*.tif"``, a file with a stack, an array ``(frames, rows,
-        cols)``, or a list of frames. Several are a folder of folders, a list, an array of four
-        axes, or a mapping of levels, whose numbers are exposures in µs; frames of one folder or
-        list are told apart by the exposures that their files state.
+        Single frames, not means: at least two at each level, and flats at three levels or more. A
+        level is a folder, a pattern such as ``"flats/*.tif"``, a file with a stack, an array
+        ``(frames, rows, cols)``, or a list of frames. Several levels are a folder of folders, a
+        list, an array of four axes, or a mapping, whose numeric keys are exposures in µs. Frames of
+        one folder or list are sorted into levels by the exposures that their files state.
     dark_exposures_us, flat_exposures_us
-        Exposure of each level in turn; by default that of the files (EXIF, FITS).
+        Exposure of each level in turn, in µs; by default that of the files (EXIF, FITS).
     white_level
-        Level at which the frames are clipped; by default the files' own. For frames alone.
+        Level at which ``darks`` and ``flats`` are clipped; by default the files' own. Not for a
+        session.
     report
-        Also write a report, HTML or PDF.
+        Path of a report to write as well, HTML or PDF.
     reading
-        How files are read; see ``standoff.reading``.
+        How ``darks`` and ``flats`` are read; see ``standoff.reading``. Not for a session.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     NoiseMeasurement
-        With the maps of dark, flat and defects; ``write_noise`` writes both. What there is to
-        say of it stands in ``transfer.notes``.
+        The noise, and the dark, flat and defect maps; ``write_noise`` writes both. Remarks are in
+        ``transfer.notes``.
 
     Raises
     ------
     ArgumentError
-        If neither a session nor both darks and flats are given, or what is given holds no frames.
+        If neither a session nor both darks and flats are given, or they hold no frames.
     NoiseError
-        If captures are missing, or taken with different settings; if frames are too few, differ
-        in size, or are no levels of a sensor (JPEG, encoded as sRGB, means).
+        If captures are missing or were taken with different settings, or if frames are too few,
+        differ in size, or do not hold a sensor's own levels (JPEG, sRGB-encoded, means).
     ImageFileError
         If a file cannot be read.
 
@@ -450,7 +451,7 @@ def measure_noise(
     >>> round(noise.transfer.gain_e_per_dn, 1)
     5.0
 
-    Frames of one's own, here simulated with 4 e/DN and 6 e:
+    From frames, here simulated with a gain of 4 e/DN and a read noise of 6 e:
 
     >>> import numpy as np
     >>> rng = np.random.default_rng(1)
@@ -481,7 +482,7 @@ def measure_noise(
         captures = NoiseCaptures.of_session(opened)
     elif darks is None or flats is None:
         raise ArgumentError(
-            "darks and flats are needed, both", argument="darks" if darks is None else "flats"
+            "both darks and flats are needed", argument="darks" if darks is None else "flats"
         )
     else:
         captures = _frame_captures(
@@ -504,4 +505,4 @@ def measure_noise(
 def _refuse_beside_session(**given: object) -> None:
     for name, value in given.items():
         if value is not None:
-            raise ArgumentError("a session has its own; it is for darks and flats", argument=name)
+            raise ArgumentError("is for darks and flats; a session states its own", argument=name)

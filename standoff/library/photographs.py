@@ -1,4 +1,4 @@
-"""Image files as photographs with linear levels, and the two that come with standoff."""
+"""Image files as photographs with linear levels, and the two examples that come with standoff."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,28 +18,29 @@ def reading(
     mean: bool = False,
     white_level: float | None = None,
 ) -> ReadOptions:
-    """Say how images are read, for the functions that take ``reading=``.
+    """Return options for reading images, for the functions that take ``reading=``.
 
-    It counts for arrays as for files: their levels are taken for those of a file, and a stack has
-    its pages along the first axis.
+    They apply to arrays as well as to files: the levels of an array are treated as those of a
+    file, and the pages of a stack are along its first axis.
 
     Parameters
     ----------
     encoding
-        How their levels follow from light: ``auto`` (as the file states, or as is usual for its
-        format; of an array linear), ``linear``, ``srgb`` or ``gamma:G``.
+        How the levels follow from the light: ``linear``, ``srgb``, ``gamma:G``, or ``auto``: as
+        the file states, or as is usual for its format; arrays are linear.
     page
-        Which image of a stack, from 1.
+        Number of the image to take from a stack, from 1.
     mean
-        Whether a stack is one capture: its mean, with the temporal variance.
+        Whether a stack is one capture: its mean is taken, with the temporal variance.
     white_level
-        Level, as it is stored, at which they are clipped; by default the one that a file states, or
-        the largest that its numbers can hold. Of floats it is where they were cut off, if it shows.
+        Level, as it is stored, at which images are clipped; by default the level that a file
+        states, or the largest that its numbers can hold. For floats, by default the level at which
+        they were visibly cut off, if any.
 
     Returns
     -------
     ReadOptions
-        For ``reading=``.
+        The options, for ``reading=``.
 
     Raises
     ------
@@ -81,7 +82,8 @@ def read_image(
     Returns
     -------
     Photograph
-        ``numpy.asarray`` of it gives the levels linear in light, with the file's white.
+        The photograph; ``numpy.asarray`` of it gives levels linear in light, in which white keeps
+        the level that it has in the file.
 
     Raises
     ------
@@ -116,8 +118,8 @@ def example_photographs() -> ExamplePhotographs:
     Returns
     -------
     ExamplePhotographs
-        The paths ``nearer`` and ``further``, of 8-bit sRGB PNG files of shape ``(440, 520, 3)``.
-        Both are on the pixels of the nearer one, and nothing changed between them.
+        The paths ``nearer`` and ``further`` of 8-bit sRGB PNG files of shape ``(440, 520, 3)``.
+        Both are on the pixel grid of the nearer one, and nothing changed between them.
 
     Raises
     ------

@@ -66,7 +66,7 @@ def pixel_levels(
     noise: NoiseCalibration | CaptureNoise | None,
     levels_dn: tuple[float, float] | None,
 ) -> _PixelLevels:
-    """Return levels and noise: of noise.json, of a simulated bench, or of the edges of psf.json."""
+    """Return levels and noise, by noise.json, a simulated bench, or the edges of psf.json."""
     if levels_dn is not None and not levels_dn[0] < levels_dn[1]:
         raise ArgumentError(
             f"expected a dark and a bright level, got {levels_dn[0]:g} and {levels_dn[1]:g}",
@@ -77,10 +77,10 @@ def pixel_levels(
     if noise is not None:
         single = noise if isinstance(noise, CaptureNoise) else noise.capture_noise
         frame_noise = level_noise(single)
-        told = "the noise of a pixel is that of noise.json"
+        told = "the pixel noise is that of noise.json"
     else:
         frame_noise = _simulated_noise(bench)
-        told = "the noise of a pixel is what the bench file states of its simulated sensor"
+        told = "the pixel noise is that of the simulated sensor in the bench file"
     low, high, whence = _levels(bench, psf, noise, levels_dn)
     return _PixelLevels(
         levels=EdgeLevels(low_dn=low, high_dn=high, frame_noise=frame_noise),
@@ -162,8 +162,8 @@ def _by_edges(
         ),
         is_in_dn=levels_dn is not None,
         assumptions=(
-            f"contrast over noise is {snr:.0f}, {whence}, for means of {frames} frames, as the "
-            "bench takes them; a noise.json tells it for any number",
+            f"the contrast-to-noise ratio is {snr:.0f}, {whence}, for means of {frames} frames, as "
+            "the bench takes them; a noise.json gives it for any number of frames",
         ),
     )
 
@@ -189,9 +189,9 @@ class EdgeTemplate:
     known
         Edges of psf.json that were used.
     per_capture, length_px
-        Stated instead; None takes them from ``known``.
+        Number of edges per capture and their length; None takes them from ``known``.
     frame
-        Rows and columns, None if not known.
+        Rows and columns of a frame; None if not known.
     """
 
     known: tuple[EdgeMeasurement, ...] = ()
@@ -212,7 +212,7 @@ class EdgeTemplate:
         return cls(known=known, per_capture=per_capture, length_px=length_px, frame=frame)
 
     def at(self, orientation_deg: float) -> list[tuple[float, float]]:
-        """Angle against the target's orientation, and length, of each edge of a capture."""
+        """Angle relative to the target's orientation and length in px of each edge of a capture."""
         if self.per_capture is not None or not self.known:
             # Sides of squares: every other one is turned by a right angle.
             count = self.per_capture or 1
@@ -241,12 +241,12 @@ class EdgeTemplate:
 
     @property
     def assumption(self) -> str:
-        """Where it comes from, in words."""
+        """Where the template comes from, in words."""
         if self.length_px is not None and self.per_capture is not None:
-            return "number and length of the edges of a capture are as given"
+            return "the number and length of the edges in a capture are as given"
         if self.known:
-            return "number and length of the edges of a capture are as in psf.json, unless given"
-        return "psf.json has no edges: one to a capture, over 0.8 of the frame, unless given"
+            return "edges in a capture have the number and length of psf.json, unless given"
+        return "psf.json has no edges: one per capture, over 0.8 of the frame, unless given"
 
 
 def _apart_deg(first_deg: float, second_deg: float) -> float:
@@ -303,7 +303,7 @@ _PLACEMENT_S = 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoughtChange:
-    """The change whose d' is asked for; None for what follows from the rest."""
+    """The change whose d' is asked for; a value that is None follows from the other inputs."""
 
     contrast_dn: float | None
     signal_sigma_px: float
@@ -338,7 +338,7 @@ class KnownInputs:
         noise: NoiseLike | None,
         geometry: GeometryCalibration | FilePath | None,
     ) -> Self:
-        """Read what is given as a file."""
+        """Take the inputs, and read those that are given as files."""
         plan, bench, settings = session
         stated = given_plan(plan)
         stored = opened_psf(psf)
@@ -396,7 +396,7 @@ class KnownInputs:
 
     @property
     def exposure_assumptions(self) -> tuple[str, ...]:
-        """What is taken for granted of captures with exposures of their own."""
+        """What is assumed of captures with exposures of their own, one sentence each."""
         own = [
             entry
             for entry in self.entries
@@ -405,10 +405,10 @@ class KnownInputs:
         ]
         if not own:
             return ()
-        return (f"{len(own)} captures with exposures of their own count as at the bench's",)
+        return (f"{len(own)} captures with their own exposure are treated as at the bench's",)
 
     def focus_scatter_px2(self, stated: float | None) -> float | None:
-        """Scatter of the focus, as stated or as psf.json has it; None if nothing says."""
+        """Focus scatter, as stated or else by psf.json; None if neither states it."""
         if stated is not None:
             return stated
         if self.calibration is None or self.calibration.focus is None:
@@ -416,7 +416,7 @@ class KnownInputs:
         return self.calibration.focus.scatter_px2
 
     def height_scatter_mm(self, stated: float | None) -> float:
-        """Scatter of the heights read back."""
+        """Standard deviation of heights read back, as stated, by geometry.json, or by the stage."""
         if stated is not None:
             return stated
         if self.geometry is not None and self.geometry.height_scatter_mm is not None:
@@ -482,7 +482,7 @@ class KnownInputs:
         return self.noise.relative_err(level_dn) or 0.0
 
     def size(self, edges: int, photographs: int) -> PlanSize:
-        """Return how much the plan has of everything, and what more of it costs."""
+        """Return the size of the plan, and the time that more of each part of it takes."""
         cost = estimate_plan(self.plan, self.entries, self.bench, None)
         camera = self.bench.camera
         period_s = max(1 / camera.frame_rate_hz, 1e-6 * camera.exposure_us)

@@ -32,7 +32,9 @@ class NamedFrame:
 
 
 class PoseWatch:
-    """Judges frame after frame: ``run`` goes on until they end; ``summary`` is there at any time.
+    """Judges the pose of one frame after another.
+
+    ``run`` judges frames until they end; ``summary`` can be read at any time.
 
     Parameters
     ----------
@@ -46,7 +48,7 @@ class PoseWatch:
     Raises
     ------
     ArgumentError
-        If several curves are meant, or the threshold is not positive.
+        If not exactly one curve is selected, or the threshold is not positive.
     CalibrationError
         If the reference has too few features.
 
@@ -85,7 +87,7 @@ class PoseWatch:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What there is to say of the photographs."""
+        """Remarks on how the photographs were read."""
         return self._call.notes
 
     @checked
@@ -97,7 +99,18 @@ class PoseWatch:
         count: int | None = None,
         is_kept: bool = True,
     ) -> StreamSummary:
-        """Judge frame after frame, until they end or ``count`` are judged.
+        """Judge one frame after another, until they end or ``count`` frames have been judged.
+
+        Parameters
+        ----------
+        frames
+            Frames from `folder` or `camera`, or of one's own.
+        show
+            Called with the name and the verdict of each frame.
+        count
+            Number of frames in all after which to end; None for no limit.
+        is_kept
+            Whether the summary keeps every verdict.
 
         Raises
         ------
@@ -119,7 +132,7 @@ class PoseWatch:
 
     @checked
     def folder(self, path: FilePath, *, is_watched: bool = False) -> Iterator[NamedFrame]:
-        """Return the images of a folder; then, if it is watched, new ones as they come."""
+        """Yield the images of a folder and, with ``is_watched``, new ones as they are added."""
         return _folder_frames(path_of(path, "path"), self._call.inputs, is_watched=is_watched)
 
     @checked
@@ -132,16 +145,16 @@ class PoseWatch:
         target: str | None = None,
         progress: Progress | None = None,
     ) -> Iterator[Iterator[NamedFrame]]:
-        """Open the camera of a bench, and give the block its frames, always the newest.
+        """Open the camera of a bench, and give the block an iterator over its newest frames.
 
         Parameters
         ----------
         bench, settings
-            A bench file or what one says, and keys that replace those of the file.
+            The path of a bench file or a `BenchConfig`, and values that override keys of the file.
         target
-            Placed under a simulated camera.
+            Name of a target to place under a simulated camera.
         progress
-            Who watches.
+            Shows the progress of the call, see `Progress`; by default nothing is shown.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The PSF that a call needs, of what is given: a calibration, a PSF, or a file of one's own."""
+"""The PSF that a call needs, from its argument: a calibration, a PSF, or a file of either."""
 
 from collections.abc import Callable, Mapping
 from io import BytesIO
@@ -28,8 +28,8 @@ _COLOURS = ("red", "green", "blue")
 def camera_psf(call: Call, psf: PsfLike, shape: PsfShape = "best") -> Psf:
     """Return the total PSF (optics and pixel), one for the whole frame.
 
-    ``shape`` ``best`` takes the measured shape where the file has one, ``gaussian`` the Gaussian,
-    ``measured`` nothing but a measured one.
+    With ``shape`` ``best`` it is the measured PSF if the calibration has one, else the Gaussian;
+    with ``gaussian`` the Gaussian; with ``measured`` the measured one, or an error.
     """
     bare = _bare(psf, call, shape)
     return _psf(call, *_calibration(psf), shape) if bare is None else bare
@@ -38,9 +38,9 @@ def camera_psf(call: Call, psf: PsfLike, shape: PsfShape = "best") -> Psf:
 def frame_psf(
     call: Call, psf: PsfLike, frame: tuple[int, int] | None, model: Model, shape: PsfShape = "best"
 ) -> Psf | PsfField:
-    """Return the PSF: its field if the model takes it and ``frame`` is the field's.
+    """Return the PSF, as a field if the model takes one and ``frame`` is the field's frame.
 
-    ``frame`` is the width and height in px of photograph and follow-up; None if they differ.
+    ``frame`` is the ``(width, height)`` in px of both photographs; None if their sizes differ.
     """
     bare = _bare(psf, call, shape)
     if bare is not None:
@@ -71,14 +71,14 @@ def psf_and_field(
 
 
 def calibration_of(psf: PsfLike) -> PsfCalibration | None:
-    """Return the calibration that is given or lies in a file; None for a bare PSF."""
+    """Return a calibration, read from its file if a path is given; None for a bare PSF."""
     if _is_bare(psf):
         return None
     return _calibration(psf)[0]
 
 
 def opened_psf(psf: PsfLike) -> PsfCalibration | BarePsf:
-    """Return what is given, or what its file holds."""
+    """Return a calibration or a PSF, read from its file if a path is given."""
     bare = _bare(psf, Call("opened_psf"), "best")
     return _calibration(psf)[0] if bare is None else bare
 
@@ -86,11 +86,10 @@ def opened_psf(psf: PsfLike) -> PsfCalibration | BarePsf:
 def channel_psfs(
     call: Call, psf: PsfLike, image: AnyArray, known: Psf | PsfField
 ) -> tuple[Psf, Psf, Psf] | None:
-    """Return the PSFs of red, green and blue; None where one PSF is for all of an image.
+    """Return the PSFs of red, green and blue; None where one PSF serves the whole image.
 
-    A calibration has the Gaussian of each colour of a mosaic. A shape that was measured is that of
-    one colour, and is stretched to the widths of the others. ``known`` is the PSF for the whole
-    image.
+    A calibration has a Gaussian for each colour of a mosaic. A measured PSF is that of one colour;
+    it is stretched to the widths of the others. ``known`` is the PSF for the whole image.
     """
     if _is_bare(psf):
         return None
@@ -99,7 +98,7 @@ def channel_psfs(
         return None
     red, green, blue = (_of_colour(stored, colour, known) for colour in _COLOURS)
     if red is None or green is None or blue is None:
-        call.note(f"{name}: one PSF is used for all colours; it has none for each that serves here")
+        call.note(f"{name}: one PSF is used for all colours; it has no usable PSF for each of them")
         return None
     call.note(f"{name}: red, green and blue have a PSF each")
     return red, green, blue
@@ -214,7 +213,7 @@ def is_own_psf(path: Path) -> bool:
 
 
 def read_own_psf(path: Path, say: Callable[[str], None] = lambda _: None) -> TabulatedPsf:
-    """Read a PSF that was not calibrated here; ``say`` takes what was assumed and what is left out.
+    """Read a PSF that standoff did not calibrate; ``say`` is called with what was assumed.
 
     The file is a kernel (.npy, .fits, .tif), contrast by frequency (.csv with the columns
     ``freq_cy_per_px`` and ``mtf``), or a .toml that describes one of them, a pupil or Zernike
@@ -233,7 +232,7 @@ def read_own_psf(path: Path, say: Callable[[str], None] = lambda _: None) -> Tab
     left_out = ""
     if psf.asymmetry > _WORTH_SAYING:
         left_out = (
-            "; it is not symmetric about its centroid, and what is not, "
+            "; it is not symmetric about its centroid, and the asymmetric part, "
             f"{100 * psf.asymmetry:.0f} % of its transfer, is left out"
         )
     say(f"{path}: {taken_as}{left_out}")

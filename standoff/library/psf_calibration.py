@@ -87,56 +87,60 @@ def calibrate_psf(
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> PsfCalibration:
-    """Measure the camera's PSF from photographs of straight edges, at any angle.
+    """Measure the camera's PSF, by default from photographs of straight edges at any angle.
 
     Parameters
     ----------
     images
         Arrays linear in light, or files; or a session, whose captures are used.
     method
-        ``all-angles`` by maximum likelihood on the raw pixels; ``paper``: medians over vertical
-        and horizontal edges; ``single-image``: the edges of a scene; ``two-distance``: one scene
-        at two or more distances, the nearest first.
+        ``all-angles``: maximum likelihood on the raw pixels of the edges; ``paper``: medians over
+        vertical and horizontal edges; ``single-image``: edges that a scene happens to contain;
+        ``two-distance``: one scene from two or more distances, the nearest first.
     zoom
-        Distance ratio of two photographs (two-distance); found from image features by default.
+        Distance ratio of two photographs, for ``two-distance``; by default it is found from image
+        features.
     region
         Part of each photograph to use; ``centre`` is the central half along both axes.
     target
         With ``auto``, edges of the scene beside a target do not count, and are flagged
         ``beside_target``; with ``all``, every edge counts.
     channel
-        Of colour photographs, ``luma`` by default; of a mosaic the one returned, by default green.
+        Channel of colour photographs to measure, by default ``luma``. Of a raw mosaic, the colour
+        whose PSF is returned, by default ``green``.
     bayer
-        Pattern of raw mosaics, where no file states it; each colour is measured.
+        Pattern of a raw mosaic whose file does not state it; each of its colours is measured.
     noise
-        Of the camera, for photographs of unknown variance: a noise.json, or what it says.
+        Noise of a capture, or the path of a noise.json, for photographs of unknown variance.
     correct
-        Maps of dark, flat and defects that are applied first, or their noise.json.
+        Dark, flat and defect maps to apply first, or the path of their noise.json.
     pixel_pitch_um
-        For lp/mm; by default as the session's bench file or Exif states.
+        Pixel pitch in µm, for frequencies in lp/mm; by default as stated by the bench file or by
+        Exif.
     white_level
-        Level, as it is stored, at which photographs are clipped; by default the file's own, and
-        of floats the one at which they were cut off, if they were.
+        Level, as it is stored, at which photographs are clipped; by default the file's own. For
+        floats, by default the level at which they were cut off, if they were.
     limits
-        Limits for pass and fail (TOML); the ``verdict`` of the result.
+        Path of a limits file (TOML) for pass and fail; the result's ``verdict`` compares with it.
     labels
-        What the first page of the report calls the ``lens``, ``camera``, ``target`` and
-        ``customer``; it is stored in psf.json.
+        Names of the ``lens``, ``camera``, ``target`` and ``customer``, for the first page of the
+        report; they are stored in psf.json.
     bench
-        Bench file (TOML), for what ``labels`` and ``pixel_pitch_um`` do not say: its ``[labels]``
-        and ``[optics]``. By default that of the session.
+        Path of a bench file (TOML) whose ``[labels]`` and ``[optics]`` supply what ``labels`` and
+        ``pixel_pitch_um`` do not state; by default the session's own.
     report
-        Also write a report on an edge target, HTML or PDF.
+        Path of a report on an edge target to write as well, HTML or PDF; for ``all-angles`` and
+        ``paper`` only.
     reading
         How files are read; see ``standoff.reading``.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     PsfCalibration
-        Total and optical PSF with standard errors, None for values that the edges do not
-        determine; ``notes`` say what to know of it, ``write_psf`` writes it.
+        Total and optical PSF with standard errors; values that the photographs do not determine
+        are None. ``notes`` are remarks; ``write_psf`` writes it to a file.
 
     Raises
     ------
@@ -190,7 +194,7 @@ def calibrate_psf(
 
 def _write_report(path: Path, psf: PsfCalibration, edges: EdgeSources | None) -> None:
     if edges is None:
-        raise ArgumentError(f"report is on an edge target, not for method {psf.method}")
+        raise ArgumentError(f"report is for edge targets only, not for method {psf.method}")
     from analysis.reports import calibration_report  # loads what plots
 
     write_page(path, calibration_report(psf, edges.load, edges.session).html())
@@ -295,7 +299,7 @@ def _from_scene(call: Call, request: _Request) -> _Calibrated:
         )
     call.note(
         f"the errors contain {100 * SCENE_ERR:.0f} % for edges that are soft in the scene itself; "
-        "two distances or a target's edges tell more"
+        "two distances or an edge target are more accurate"
     )
     return _Calibrated(psf=calibration, origin=scenes.origin)
 
@@ -312,7 +316,7 @@ def _from_distances(call: Call, request: _Request) -> _Calibrated:
         )
     call.note(
         f"the errors contain {100 * FORM_ERR:.0f} % for a lens that is not Gaussian; "
-        "a target's edges tell its form"
+        "an edge target shows its shape"
     )
     return _Calibrated(psf=calibration, origin=scenes.origin)
 
@@ -323,7 +327,7 @@ def _scenes(call: Call, request: _Request) -> _Scenes:
         sources = from_images(request.images, reading, call)
         if sources.reading.pattern is not None:
             raise CalibrationError(
-                "of raw mosaics the edges alone are measured: --method all-angles or paper"
+                "raw mosaics can be measured with edge targets only: --method all-angles or paper"
             )
         return _Scenes(series=(tuple(sources.images),), origin=sources.origin)
     session = _listed(call, request.images)

@@ -1,4 +1,4 @@
-"""Has the PSF changed? Two calibrations, or all of them over time."""
+"""Whether a PSF has changed: comparison of two calibrations, or of many over time."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class PsfComparison(Shown, PsfChange):
-    """All parameters that two calibrations give, and whether they have changed."""
+    """Tests whether the parameters that two calibrations give have changed."""
 
     first: str
     second: str
@@ -56,7 +56,7 @@ class PsfComparison(Shown, PsfChange):
         )
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the parameters as a pandas table, a line each.
+        """Return the parameters as a pandas table, one row per parameter.
 
         Raises
         ------
@@ -92,8 +92,8 @@ def compare_psfs(
     Returns
     -------
     PsfComparison
-        A z-test of each parameter that both give; ``verdict`` says it in a sentence, ``notes``
-        what only one of them gives.
+        A z-test of each parameter that both give. ``verdict`` is the result in one sentence;
+        ``notes`` say what only one of them gives, and why the two may not be comparable.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def compare_psfs(
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class PsfHistory(Shown):
-    """Calibrations by camera, in the order of their time; ``notes`` say which were left out."""
+    """Calibrations of each camera in order of time; ``notes`` say which files were left out."""
 
     calibrations: dict[str, list[HistoryEntry]]
     provenance: Provenance
@@ -149,7 +149,7 @@ class PsfHistory(Shown):
                 yield {"camera": camera["serial"], **row}
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the calibrations as a pandas table, a line each.
+        """Return the calibrations as a pandas table, one row per calibration.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class PsfHistory(Shown):
         Raises
         ------
         ArgumentError
-            If fewer than two calibrations say when their photographs were taken.
+            If fewer than two calibrations state when their photographs were taken.
         """
         found = plot_history([one for some in self.calibrations.values() for one in some], ax)
         if found is None:
@@ -173,7 +173,7 @@ class PsfHistory(Shown):
 
     @cached_property
     def sections(self) -> tuple[ReportSection, ...]:
-        """Tables and figures, a section a camera."""
+        """Tables and figures, one section per camera."""
         return tuple(history_sections(self.calibrations))
 
     def to_json(self) -> dict[str, Any]:
@@ -198,14 +198,15 @@ class PsfHistory(Shown):
 def psf_history(
     files: FilePath | Iterable[FilePath], *, progress: Progress | None = None
 ) -> PsfHistory:
-    """Order calibrations by camera and time.
+    """Return calibrations by camera, each camera's in order of time.
 
     Parameters
     ----------
     files
-        Any number of psf.json, or folders; what cannot be read below a folder is left out.
+        Paths of psf.json files, or of folders that are searched, with their subfolders, for files
+        named ``*psf*.json``. A file found in a folder that cannot be read is left out, with a note.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
@@ -217,7 +218,7 @@ def psf_history(
     CalibrationError
         If a file that was named cannot be read.
     ApplicationError
-        If there is none, or a folder cannot be read.
+        If there is no psf.json, or a folder cannot be read.
 
     Examples
     --------

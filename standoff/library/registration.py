@@ -1,4 +1,4 @@
-"""Where a photograph was taken from, and what an operator knows of a pair beforehand."""
+"""Where a photograph was taken from, and what an operator knows of the pose beforehand."""
 
 import pickle
 from dataclasses import dataclass
@@ -35,10 +35,10 @@ _MOST_TABLE_BYTES = 16 << 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HintFiles:
-    """What the command line says of the pose; at most one of zoom, homography and points.
+    """Hints at the pose as the caller gives them; at most one of zoom, homography and points.
 
-    ``zoom`` is the approximate ratio of the distances, follow-up over reference. The files are an
-    approximate pose, pairs of points, and the pixels of the follow-up to leave out.
+    ``zoom`` is the approximate ratio of the distances, follow-up over reference. The files hold an
+    approximate homography, pairs of points, and a mask of follow-up pixels to leave out.
     """
 
     zoom: float | None = None
@@ -55,7 +55,10 @@ class HintFiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class AlignmentHints(Shown, ByValue):
-    """The contents of `HintFiles`; sizes are checked against each pair of photographs."""
+    """Hints at a pose, read from their files; `alignment_hints` makes them.
+
+    Their sizes are checked against each pair of photographs.
+    """
 
     files: HintFiles = HintFiles()
     homography: Homography | None = None
@@ -64,7 +67,7 @@ class AlignmentHints(Shown, ByValue):
 
     @property
     def settings(self) -> dict[str, float | bool | None]:
-        """Which hints there are; the contents of the files are known by their hashes."""
+        """Which hints are given; the provenance has the hashes of their files."""
         found: dict[str, float | bool | None] = {
             "zoom": self.files.zoom,
             "homography": self.homography is not None,
@@ -84,12 +87,13 @@ class AlignmentHints(Shown, ByValue):
         reference, followup
             Shapes ``(rows, cols)``.
         name
-            Of the follow-up.
+            Name of the follow-up, for error messages.
 
         Raises
         ------
         ApplicationError
-            If a mask or a homography belongs to another size, or a point lies outside.
+            If a mask or a homography is for another image size, or a point lies outside its
+            photograph.
         """
         rows, cols = followup
         if self.left_out is not None and self.left_out.shape != followup:
@@ -125,7 +129,7 @@ class AlignmentHints(Shown, ByValue):
 def hint_settings(
     hints: AlignmentHints | RegistrationHints | None,
 ) -> dict[str, float | bool | None]:
-    """Say which hints there are; the contents of files are known by their hashes."""
+    """Return which hints are given; the provenance has the hashes of their files."""
     if isinstance(hints, RegistrationHints):
         digest = sha256(pickle.dumps(hints)).hexdigest()
         return {"given": int(digest[:12], 16)}
@@ -146,30 +150,30 @@ def alignment_hints(
     mask: FilePath | None = None,
     mirrored: bool = False,
 ) -> AlignmentHints | None:
-    """Read what is known of a pose beforehand; at most one of the first three.
+    """Read hints at a pose; at most one of ``zoom``, ``homography`` and ``points``.
 
     Parameters
     ----------
     zoom
         Approximate ratio of the distances, follow-up over reference.
     homography
-        H.json of an approximate pose.
+        Path of an H.json with an approximate pose.
     points
-        CSV with at least four pairs of points.
+        Path of a CSV file with at least four pairs of points.
     mask
-        Image of the follow-up's size; pixels that are not 0 are left out.
+        Path of an image of the follow-up's size; pixels that are not 0 are left out.
     mirrored
-        One of the photographs shows the scene as in a mirror: the pose found, or given, has a
-        negative determinant.
+        Whether one of the photographs shows the scene as in a mirror: the homography found, or
+        given, then has a negative determinant.
 
     Returns
     -------
-    AlignmentHints, or None if nothing is known
+    AlignmentHints, or None if no hint is given
 
     Raises
     ------
     HintError, CalibrationError
-        If a file cannot be read, or does not say what it should.
+        If a file cannot be read or does not hold such a hint.
 
     Examples
     --------
@@ -252,13 +256,13 @@ def register(
     reference, followup
         Arrays or files; either may be the nearer one.
     psf
-        The camera's PSF; without it, one of 0.65 px is assumed.
+        The camera's PSF; without it, a width (sigma) of 0.65 px is assumed.
     hints
         What is known of the pose beforehand: the ratio of the distances, an approximate homography
-        or pairs of points, and follow-up pixels that do not count.
+        or pairs of points, and follow-up pixels to leave out.
     white_level
-        Level, as it is stored, at which both are clipped: pixels there do not count. Plateaus do
-        not in any case, nor do pixels that an array masks.
+        Level, as it is stored, at which both are clipped; pixels at that level do not count.
+        Plateaus and pixels that an array masks never count.
     reading
         How the two are read; see ``standoff.reading``.
 

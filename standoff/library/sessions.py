@@ -1,4 +1,4 @@
-"""Capture sessions: made of photographs from elsewhere, checked, noted in, and exported."""
+"""Capture sessions: import of photographs, checks, notes and corrections, and export."""
 
 import os
 from collections import Counter
@@ -50,7 +50,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class VerifiedSession(Shown):
-    """Every file of a session held against its journal; what was repaired before, if asked for."""
+    """Result of checking every file of a session against its journal.
+
+    ``repaired`` is the result of a repair made before the check; None if none was asked for.
+    """
 
     session: Path
     report: VerifyReport
@@ -66,7 +69,7 @@ class VerifiedSession(Shown):
         return html_table(repr(self)[1:-1], ("file", "state"), rows)
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the files as a pandas table, a line each.
+        """Return the files as a pandas table, one row per file.
 
         Raises
         ------
@@ -77,12 +80,12 @@ class VerifiedSession(Shown):
 
     @property
     def is_ok(self) -> bool:
-        """Whether nothing is at odds, and every file that counts is there and unchanged."""
+        """Whether there is no fault, and every file that counts is present and unchanged."""
         return self.report.is_ok
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is odd but no fault, and what a repair did."""
+        """Anything unusual that is not a fault, and what a repair did."""
         return (*(self.repaired.remarks if self.repaired else ()), *self.report.remarks)
 
     def to_json(self) -> dict[str, Any]:
@@ -107,10 +110,10 @@ def verify_session(session: FilePath, *, repair: bool = False) -> VerifiedSessio
     Parameters
     ----------
     session
-        The folder.
+        Folder of the session.
     repair
-        Make a new journal of what a damaged one and the captures themselves still say, first; the
-        old one is kept.
+        Whether to rebuild a damaged journal first, from what can still be read of it and from the
+        captures themselves; the old journal is kept.
 
     Returns
     -------
@@ -120,7 +123,7 @@ def verify_session(session: FilePath, *, repair: bool = False) -> VerifiedSessio
     Raises
     ------
     SessionError
-        If it is not a session, or its session.json or journal is damaged.
+        If the folder is not a session, or its session.json or journal is damaged.
 
     Examples
     --------
@@ -139,17 +142,18 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
     Parameters
     ----------
     folder
-        Of sessions, or one session. One that cannot be read has an ``error`` instead.
+        A folder of sessions, or the folder of one session.
 
     Returns
     -------
     list of dict
-        A session each, as ``standoff session list --json`` prints it.
+        One entry per session, as ``standoff session list --json`` prints it; that of a session
+        that cannot be read has an ``error`` instead.
 
     Raises
     ------
     ApplicationError
-        If it is no folder, or one that cannot be read.
+        If ``folder`` is not a folder, or cannot be read.
 
     Examples
     --------
@@ -178,7 +182,7 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
 
 @checked
 def show_session(session: Session | FilePath) -> dict[str, Any]:
-    """Return a session's captures, whether they are used, and its notes.
+    """Return a session's summary, its captures, whether each is used, its notes and remarks.
 
     Parameters
     ----------
@@ -215,16 +219,16 @@ def exclude_capture(
     session
         A session or its folder.
     index
-        Of the capture.
+        Index of the capture in the plan, from 0.
     reason
-        Recorded in the journal.
+        Why it is excluded; recorded in the journal.
     operator
-        Whose decision it is; the login name if None.
+        Name of the person who decides it; the login name if None.
 
     Raises
     ------
     SessionError
-        If it is no session, is being written, or has no such capture.
+        If the folder is not a session, the session is being written, or it has no such capture.
 
     Examples
     --------
@@ -265,28 +269,28 @@ def correct_height(
     *,
     operator: str | None = None,
 ) -> tuple[JournalEvent, ...]:
-    """Correct the height of imported photographs; what was recorded before is kept.
+    """Correct the height of imported photographs; the journal keeps the height recorded before.
 
     Parameters
     ----------
     session, reason, operator
         As in ``exclude_capture``.
     indices
-        Of the captures.
+        Indices of the captures, from 0.
     height_mm
-        The right height of the camera.
+        The correct height of the camera, in mm.
 
     Returns
     -------
     tuple of JournalEvent
-        A line of the journal for each capture.
+        The new line of the journal for each capture.
 
     Raises
     ------
     ValueError
         If the height is not a finite number.
     SessionError
-        Besides, if a stage has read the heights back.
+        As ``exclude_capture``, and if the heights were read back from a stage.
 
     Examples
     --------
@@ -308,7 +312,7 @@ def add_note(session: Session | FilePath, text: str, *, operator: str | None = N
     session, operator
         As in ``exclude_capture``.
     text
-        Of the note.
+        Text of the note.
 
     Examples
     --------
@@ -323,25 +327,26 @@ def set_aside_files(
 ) -> tuple[dict[str, str], ...]:
     """Move files that the journal does not name to the session's folder ``set-aside``.
 
-    Such files end a capture run, as they may be captures whose lines were lost: let
-    ``verify_session(..., repair=True)`` take those in first.
+    Such files end a capture run with an error, because they may be captures whose journal lines
+    were lost. First run ``verify_session(..., repair=True)``, which adds such captures to the
+    journal again.
 
     Parameters
     ----------
     session, operator
         As in ``exclude_capture``.
     reason
-        What they are; recorded in the journal.
+        What the files are, or why they are moved; recorded in the journal.
 
     Returns
     -------
     tuple of dict
-        Of each file its name before (``file``) and now (``to``), and its ``sha256``.
+        For each file, its old name (``file``), its new name (``to``) and its ``sha256``.
 
     Raises
     ------
     SessionError
-        If it is no session, is being written, or a file cannot be moved.
+        If the folder is not a session, the session is being written, or a file cannot be moved.
 
     Examples
     --------
@@ -364,7 +369,7 @@ _LONGEST_TARGET = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ImportedPhotographs(Shown):
-    """A session made of photographs: how many were given, and how many it did not hold yet."""
+    """A session made from photographs: how many were given, and how many of them were added now."""
 
     session: Path
     photographs: int
@@ -393,42 +398,44 @@ def import_photographs(
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> ImportedPhotographs:
-    """Make a session from photographs taken by another program: grey, linear, one frame each.
+    """Make a session from photographs taken by another program, stored as linear grey levels.
 
-    Each photograph is a target of its own, named after its file. The same call resumes.
+    Each photograph is a target of its own, named after its file. The same call resumes an
+    interrupted import.
 
     Parameters
     ----------
     images
-        Files, of one kind.
+        Paths of the photographs, all of the same ``kind``.
     out
         Folder of the session.
     kind
         What the photographs show.
     height_mm
-        Of the camera; 0 if nobody knows it: a PSF needs no height, geometry and validation do.
+        Height of the camera in mm; 0 if it is not known: a PSF needs no height, but geometry and
+        validation do.
     scale_px_per_mm
-        In the plane of the target.
+        Scale in the plane of the target, in px/mm; None if it is not known.
     operator
-        The login name by default.
+        Name recorded in the session; by default the login name.
     white_level
-        Level, as it is stored, at which they are clipped; the files' own by default.
+        Level, as it is stored, at which the photographs are clipped; by default the files' own.
     reading
         How files are read; see ``standoff.reading``.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     ImportedPhotographs
-        How many were imported now.
+        How many photographs were given, and how many this call imported.
 
     Raises
     ------
     ArgumentError
-        If a height or scale cannot be.
+        If the height or the scale is out of range.
     ApplicationError
-        If two photographs have one name, or one cannot be read.
+        If two photographs have the same name, or one cannot be read.
     SessionError
         If ``out`` is another session, or cannot be written.
 
@@ -535,7 +542,7 @@ _ENDS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ExportedSession(Shown):
-    """What was exported: captures, how many of them with a scale, and captures left out."""
+    """Counts of an export: captures written, those of them with a scale, and captures left out."""
 
     out: Path
     format: ExportFormat
@@ -564,22 +571,24 @@ def export_session(
     geometry: GeometryCalibration | FilePath | None = None,
     progress: Progress | None = None,
 ) -> ExportedSession:
-    """Write a session's captures, with heights, exposures, variance and provenance, for others.
+    """Write a session's captures, with heights, exposures, variance and provenance, as one file.
 
-    Captures that are excluded, or were taken again, are left out. The session stays as it is.
+    For OME-Zarr it is a folder. Captures that are excluded or superseded by retakes are left out.
+    The session stays as it is.
 
     Parameters
     ----------
     session
         A session or its folder.
     out
-        The file, or for OME-Zarr the folder; what lies there is replaced.
+        Path of the file, or for OME-Zarr of the folder; anything there is replaced.
     format
         ``ome-zarr`` (0.5), ``ome-tiff`` (schema 2016-06) or ``nexus``.
     geometry
-        Gives the scale of captures without their own: a geometry.json, or what it says.
+        Geometry, or the path of a geometry.json, that gives the scale of captures without their
+        own.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
@@ -589,9 +598,9 @@ def export_session(
     Raises
     ------
     ApplicationError, ExportError
-        If there is nothing to export, a library is not installed, or it cannot be written.
+        If there is nothing to export, a library is not installed, or ``out`` cannot be written.
     SessionError
-        If a capture is missing or is not the one that was captured.
+        If the file of a capture is missing or has changed since the capture.
 
     Examples
     --------
@@ -620,8 +629,8 @@ def export_session(
         call.note(f"{done.left_out} excluded capture(s) left out")
     if done.with_scale < done.captures:
         call.note(
-            f"the scale of {done.captures - done.with_scale} capture(s) is not known, so that they "
-            "are in pixels; --geometry gives it"
+            f"the scale of {done.captures - done.with_scale} capture(s) is not known, so they are "
+            "in pixels; give it with --geometry"
         )
     return ExportedSession(
         out=path,

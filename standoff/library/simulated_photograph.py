@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundKernel:
-    """A kernel, and where it is stored."""
+    """A kernel that a model learned, and the file in which it is kept."""
 
     kernel: EstimatedKernel
     path: Path
@@ -55,7 +55,7 @@ class FoundKernel:
 def found_kernel(
     call: Call, reference: AnyArray, settings: KernelGanSettings, folder: FilePath | None
 ) -> FoundKernel:
-    """Return the kernel of a photograph; train it unless it is stored."""
+    """Return the kernel of a photograph: the one kept in ``folder``, or a newly trained one."""
     grey = luma_plane(reference)
     cache = KernelCache(default_cache_folder() if folder is None else Path(folder))
     path = cache.path(grey, settings)
@@ -74,16 +74,17 @@ def found_kernel(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyOptions:
-    """What is known of a simulation's inputs beyond what they say themselves.
+    """Errors of a simulation's inputs that the inputs do not state themselves.
 
     Parameters
     ----------
     reference_noise
-        Noise of the reference: a noise.json, what it says, or a standard deviation in DN. By
-        default the noise that the simulation adds, or that of a capture with several frames.
+        Noise of the reference: noise of a capture, the path of a noise.json, or a standard
+        deviation in DN. By default the noise that the simulation adds, or that of a capture with
+        several frames.
     focus_scatter_px2
-        Standard deviation, from capture to capture, of the PSF's variance; by default that of the
-        calibration.
+        Standard deviation of the PSF's variance from capture to capture, in px²; by default that
+        of the calibration.
 
     Examples
     --------
@@ -104,8 +105,8 @@ class UncertaintyOptions:
 class SimulationUncertainty:
     """Standard error of each pixel of a simulated photograph, and the variances by source.
 
-    ``err`` is in the photograph's levels and of its shape, NaN outside the reference;
-    ``focus_scatter_px2`` is what was reckoned with, None if it is not known.
+    ``err`` is in the photograph's levels and has its shape, NaN outside the reference;
+    ``focus_scatter_px2`` is the focus scatter that was used, None if it is not known.
     """
 
     err: Float32Array = field(repr=False)
@@ -137,10 +138,10 @@ _WORDS = ("noise", "PSF", "focus", "stated model error")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Simulation:
-    """A follow-up by the capture model, and by what it was made.
+    """A follow-up by the capture model, and the inputs that it was made from.
 
-    ``psf`` is the one for all channels, even if each took its own (``is_by_channel``); None of
-    models without one, as ``view`` is of those that learn.
+    ``psf`` is the PSF for all channels, even if each channel took its own (``is_by_channel``); None
+    for models without a PSF. ``view`` is None for models that learn.
     """
 
     reference: AnyArray
@@ -158,16 +159,16 @@ def simulation_uncertainty(
     asked: tuple[CaptureOptions, UncertaintyOptions],
     photograph: tuple[Photograph, bool],
 ) -> SimulationUncertainty:
-    """Return the standard error of a simulated photograph; what is not known is noted.
+    """Return the standard error of a simulated photograph; a note names what is not known.
 
-    A photograph comes with whether maps corrected it.
+    ``photograph`` is the reference, and whether correction maps were applied to it.
     """
     camera, options = asked
     assert done.view is not None
     assert done.psf is not None
     view = done.view()
     if done.is_by_channel:
-        call.note("the uncertainty of each channel is that by one PSF for all, not by its own")
+        call.note("the uncertainty of every channel is computed with one PSF, not with its own")
     calibration = calibration_of(psf)
     scatter = options.focus_scatter_px2
     if scatter is None and calibration is not None:
@@ -184,7 +185,7 @@ def simulation_uncertainty(
     err = found.err
     if err is None:
         raise ApplicationError(
-            f"{photograph[0].name}: nothing is known of any error of this simulation; give "
+            f"{photograph[0].name}: no error of this simulation is known; give "
             "--reference-noise, --focus-scatter or a psf.json with standard errors"
         )
     for note in _notes(found, psf):
@@ -234,11 +235,11 @@ def _notes(found: PixelUncertainty, psf: PsfLike) -> Iterator[str]:
             "the reference's noise is not known and not in the uncertainty; give --reference-noise"
         )
     if found.psf is None:
-        yield f"{source}: the error of this PSF is not stated and not in the uncertainty"
+        yield f"{source}: the uncertainty excludes the error of this PSF, which is not stated"
     if found.focus is None:
         yield (
-            "how far the focus differs from capture to capture is not known and not in the "
-            "uncertainty; give --focus-scatter"
+            "the uncertainty excludes the scatter of the focus from capture to capture, which is "
+            "unknown; give --focus-scatter"
         )
     if found.model is None:
         yield "model paper states no error of its own; matched and lmmse do"
@@ -251,19 +252,20 @@ class SimulatedPhotograph(ByValue):
     Parameters
     ----------
     image
-        As the camera delivers it, in the levels of the reference.
+        The follow-up as the camera would deliver it, float32, in the levels of the reference.
     followup
-        The output of the capture model behind it, and the masks of another pose.
+        The output of the capture model, before the camera's own effects; with masks if a
+        homography was simulated.
     source, pose, model
-        The photograph, the pose in words, and the capture model.
+        Name of the reference, pose in words, and capture model.
     zoom
-        None for another pose.
+        Ratio of the distances; None if a homography was simulated.
     kernel
-        What a model learned, if it does.
+        The kernel of a model that learns; None for the others.
     uncertainty
-        Standard error of each pixel, if it was asked for.
+        Standard error of each pixel; None unless it was asked for.
     notes
-        What there is to say of it, in sentences.
+        Remarks, one sentence each.
     """
 
     image: Float32Array
@@ -295,7 +297,7 @@ class SimulatedPhotograph(ByValue):
 
     @property
     def mask_fractions(self) -> dict[str, float]:
-        """Shares that would be sharper than the reference, and that it does not show."""
+        """Shares of pixels that would be sharper than the reference, and that it does not show."""
         followup = self.followup
         masks = (("nearer", followup.nearer), ("outside", followup.outside))
         return {f"{name}_fraction": float(m.mean()) for name, m in masks if m is not None}
@@ -347,12 +349,12 @@ class SimulatedPhotograph(ByValue):
         Raises
         ------
         ArgumentError
-            If the follow-up is merely further away: then there are none.
+            If the follow-up is merely further away, so that there are no such pixels.
         ImageFileError
             If the file cannot be written.
         """
         if self.followup.nearer is None:
-            raise ArgumentError("only a follow-up of another pose has pixels that are nearer")
+            raise ArgumentError("only a follow-up with a homography has a mask of nearer pixels")
         write_mask(output_path(path, "path", {".png"}), self.followup.nearer)
 
     def write_uncertainty(self, path: FilePath) -> None:
@@ -361,7 +363,7 @@ class SimulatedPhotograph(ByValue):
         Raises
         ------
         ArgumentError
-            If it was not asked for.
+            If the standard error was not asked for.
         ImageFileError
             If the file cannot be written.
         """

@@ -98,20 +98,20 @@ def zoom_out(
     zoom
         Ratio of the distances, at least 1.
     psf
-        The camera's PSF: a ``GaussianPsf``, a ``MeasuredPsf``, a calibration or the path of a
-        psf.json, of which the best is taken. ``matched`` and ``lmmse`` use a PSF that varies over
-        the frame if the image is a whole frame. ``bicubic`` needs no PSF. Of a calibration that has
-        one for each colour, each channel of an image in colour takes its own.
+        The camera's PSF: a PSF such as ``GaussianPsf``, a calibration, or the path of a psf.json. A
+        calibration's measured PSF is preferred to its Gaussian. If the image is a whole frame,
+        ``matched`` and ``lmmse`` use the PSF as it varies over the frame. If a calibration has a
+        PSF for each colour, each channel of a colour image takes its own. ``bicubic`` needs none.
     model
-        ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
+        Capture model: ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
     reading
         How the image is read; see ``standoff.reading``.
 
     Returns
     -------
     ndarray of float32, or float64 for float64 input
-        In the image's levels; ``floor(N / zoom)`` pixels along each axis, the image centres
-        coinciding.
+        The follow-up, in the levels of the image, with ``floor(N / zoom)`` pixels along an axis of
+        N; the centres of the two images coincide.
 
     Raises
     ------
@@ -151,21 +151,23 @@ def simulate_pose(
     image
         The photograph, linear in light: an array or a file.
     homography
-        Maps follow-up pixels ``(x, y, 1)`` to pixels of the image: shape (3, 3), or the path of
-        an H.json.
+        Maps follow-up pixels ``(x, y, 1)`` to pixels of the image: a matrix of shape (3, 3), a
+        `Homography`, or the path of an H.json.
     psf
-        The camera's PSF; channels take their own as in ``zoom_out``.
+        The camera's PSF, as in ``zoom_out``.
     size
-        ``(width, height)`` of the follow-up; by default that of H.json, or else of the image.
+        ``(width, height)`` of the follow-up in px; by default that of H.json, or else that of the
+        image.
     model
-        ``matched`` or ``lmmse``.
+        Capture model: ``matched`` or ``lmmse``.
     reading
         How the image is read; see ``standoff.reading``.
 
     Returns
     -------
     SimulatedPose
-        The follow-up, and masks of where it would be sharper than the image or is outside it.
+        The follow-up, and masks of the pixels that would be sharper than the image, and of those
+        that look past it.
 
     Raises
     ------
@@ -220,7 +222,7 @@ def given_homography(
 
 
 def refuse_giant_frame(size: tuple[int, int], name: str) -> None:
-    """Check that a follow-up of ``(width, height)`` can be worked with."""
+    """Refuse a follow-up of ``(width, height)`` in px that is too large to be computed."""
     width, height = size
     if width * height > LARGEST_IMAGE_PX:
         raise ArgumentError(
@@ -266,42 +268,48 @@ def simulate(
     zoom
         Ratio of the distances, at least 1.
     homography
-        Instead of ``zoom``: maps follow-up pixels ``(x, y, 1)`` to pixels of the image; shape
-        (3, 3), or the path of an H.json.
+        Instead of ``zoom``: maps follow-up pixels ``(x, y, 1)`` to pixels of the image; a matrix of
+        shape (3, 3), a `Homography`, or the path of an H.json.
     psf
-        The camera's PSF: needed by ``matched``, ``paper`` and ``lmmse``. Of a calibration that has
-        one for each colour, each channel of a photograph in colour takes its own.
+        The camera's PSF, which ``matched``, ``paper`` and ``lmmse`` need. If a calibration has a
+        PSF for each colour, each channel of a colour photograph takes its own.
     model
-        ``lmmse``, ``matched``, ``paper`` (equation 1), ``bicubic``, ``kernelgan`` or
-        ``gaussian-kernelgan``.
+        Capture model: ``lmmse``, ``matched``, ``paper`` (equation 1 of the paper), ``bicubic``,
+        ``kernelgan`` or ``gaussian-kernelgan``.
     transfer
-        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+        Which PSF of a calibration to use: ``measured``, ``gaussian``, or ``best``: the measured
+        one if the calibration has it, else the Gaussian.
     gaussian
-        Whether ``paper`` blurs by the exact transfer function or by sampled weights.
+        How ``paper`` blurs: ``transfer`` by the exact transfer function of the Gaussian,
+        ``sampled`` by sampled weights.
     camera
-        Exposure, vignetting, sharpening and the seed of noise and training.
+        Exposure, vignetting and sharpening of the follow-up's camera, and the seed of noise and
+        training.
     noise
-        Adds the noise of a capture: a noise.json, or what it says.
+        Noise of a capture, or the path of a noise.json; the follow-up gets the noise of such a
+        capture. By default no noise is added.
     correct
-        Maps of dark, flat and defects that are applied to the reference first, or their noise.json.
+        Dark, flat and defect maps to apply to the reference first, or the path of their noise.json.
     steps, centre_crop, sampler, kernel_cache
-        For models that learn: training steps, whether the central half alone is learned from,
-        sampling at exact grid points or nearest pixels, folder of trained kernels.
+        For models that learn: number of training steps, whether only the central half is used for
+        training, sampling at ``exact`` grid points or ``nearest`` pixels, and folder in which
+        trained kernels are kept.
     uncertainty
-        Asks for the standard error of each pixel, of models ``matched``, ``lmmse`` and ``paper``.
+        Errors of the inputs; if given, the standard error of each pixel is computed. For models
+        ``matched``, ``lmmse`` and ``paper``.
     threads
-        Threads that share the rows; the image does not depend on it.
+        Number of threads that share the rows; the image does not depend on it.
     white_level
-        Level, as it is stored, at which the reference is clipped: a note says how much of it is.
+        Level, as it is stored, at which the reference is clipped; a note states the clipped share.
     reading
         How the file is read; see ``standoff.reading``.
     progress
-        Who watches the training.
+        Shows the progress of the training, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     SimulatedPhotograph
-        The image, its masks and figures; ``write(path)`` writes it.
+        The simulated image, its masks and figures; ``write(path)`` writes the image.
 
     Raises
     ------
@@ -495,7 +503,7 @@ def _refuse_uncertainty(model: Model | KernelModel, camera: CaptureOptions | Non
         raise ArgumentError(f"uncertainty needs model matched, lmmse or paper, got {model}")
     if camera is not None and camera.sharpening is not None:
         raise ArgumentError(
-            "uncertainty is that of pixels whose noise is independent, which sharpening ends; "
+            "uncertainty assumes independent noise in the pixels, which sharpening correlates; "
             "leave out one of the two"
         )
 

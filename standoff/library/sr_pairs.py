@@ -48,52 +48,54 @@ def training_pairs(
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> SrDatasetSummary:
-    """Cut photographs into crops, each paired with its image from ``zoom`` times further away.
+    """Cut photographs into crops, and pair each with its image from ``zoom`` times further away.
 
     A second call writes what is missing. A photograph that cannot be read, or is too small for a
-    crop, is left out and named in the summary; of several with the same content one is taken.
+    crop, is left out and named in the summary; of several with the same content, one is used.
 
     Parameters
     ----------
     images
         Photographs, or folders of them; URLs as well.
     out
-        Folder for the pairs. Of a URL, such as ``s3://bucket/pairs``, they are made in the folder
-        ``pairs`` here, and what the URL lacks is copied there when all are done.
+        Folder for the pairs. For a URL such as ``s3://bucket/pairs``, they are made in the folder
+        ``pairs`` of the working directory; once all are done, what the URL lacks is copied to it.
     psf
-        Of the camera.
+        The camera's PSF.
     zoom
         Ratio of the distances, at least 1.
     model, transfer
-        Capture model, and which PSF of a calibration; as in ``simulate``.
+        Capture model, and which PSF of a calibration to use; as in ``simulate``.
     crop_px, stride_px
-        Side of the high-resolution crops, and the distance between them, by default their side.
+        Side of the high-resolution crops, and the distance from one to the next; the latter is by
+        default the side.
     test_fraction, seed
         Share of the photographs kept for testing, and the seed of that choice.
     is_float
-        Write float32 TIFFs instead of rounded PNGs.
+        Whether to write float32 TIFFs instead of rounded PNGs.
     format
         ``folder``, or ``webdataset`` for tar files.
     threads
-        Threads that share the rows of an image.
+        Number of threads that share the rows of an image.
     sweep
-        Who works, and on what part; by default this process, on all.
+        Number of worker processes, and which part of the work to do, see `SweepOptions`; by
+        default this process does all of it.
     reading
         How files are read; see ``standoff.reading``.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     SrDatasetSummary
-        How many pairs there are for training and testing, and what was left out.
+        How many pairs there are for training and for testing, and which photographs were left out.
 
     Raises
     ------
     ApplicationError
         If ``out`` holds pairs with other settings, or cannot be written.
     SweepError
-        If no worker is fit, or, when strict, an image is refused.
+        If no usable worker is available, or, with ``strict``, an image cannot be used.
 
     Examples
     --------
@@ -158,7 +160,7 @@ _NAMED_BY_CONTENT = frozenset({".png", ".tif"})
 
 
 def _made_in(out: Path) -> Path:
-    """Return where a folder of results is made: of a URL, under its last name right here."""
+    """Return where a folder of results is made: for a URL, its last part in the working folder."""
     if not is_url(out):
         return out
     is_there(out)
@@ -166,10 +168,10 @@ def _made_in(out: Path) -> Path:
 
 
 def _copied(folder: Path, out: Path, files: Iterable[Path], last: Path) -> int:
-    """Copy files of a folder to a URL; return how many those were.
+    """Copy files of a folder to a URL; return how many were copied.
 
-    Images that are there with their size are not copied again. ``last`` is copied when all others
-    are there.
+    Images that the URL already holds, in the same size, are not copied again. ``last`` is copied
+    after all others.
     """
     count = 0
     for file in (*sorted(files), last):

@@ -1,4 +1,4 @@
-"""What a planned capture session will know, and what it would take to know what is wanted."""
+"""Predicted errors of a planned capture session, and what it would take to reach wanted ones."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -73,57 +73,64 @@ def plan_study(
     settings: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> PlanStudy:
-    """Say what a planned capture session will know, by Fisher information; captures nothing.
+    """Predict the errors of what a planned capture session will measure, by Fisher information.
+
+    Nothing is captured.
 
     Parameters
     ----------
     plan, bench, settings
         As in ``capture_session``.
     psf
-        The PSF as known today; the edges of a psf.json also say how many of which length a capture
-        shows.
+        The PSF as it is known today. The edges of a psf.json also say how many edges a capture
+        shows, and of what length.
     want
-        What is wanted, such as ``sigma=0.5%``, ``transfer=1%``, ``pupil=0.5mm``, ``dprime=5%`` or
-        ``tilt=0.3deg``: half the width of a 95 % interval.
+        Wanted half-widths of 95 % intervals, such as ``sigma=0.5%``, ``transfer=1%``,
+        ``pupil=0.5mm``, ``dprime=5%`` or ``tilt=0.3deg``.
     photographs
-        Of the scene; their middle 256 px count. Without any, built-in pictures stand for them.
+        Photographs of the scene, of which the middle 256 px are used; without any, built-in
+        pictures take their place.
     photograph_count
-        How many photographs of the scene are planned; as many as are given, or 2, by default.
+        Number of photographs of the scene that are planned; by default the number given, or else 2.
     focus_scatter_px2
-        Standard deviation of the PSF's variance from capture to capture; that of psf.json by
-        default, else 0.
+        Standard deviation of the PSF's variance from capture to capture; by default that of
+        psf.json, or else 0.
     height_scatter_mm
-        Standard deviation of heights read back about the true ones; by default that of
-        ``geometry``, else the tolerance of a stage moved by hand, and 0 for a motor.
+        Standard deviation of the heights read back about the true ones; by default that of
+        ``geometry``, or else the tolerance of a stage that is moved by hand, 0 for a motor.
     noise
-        Noise of the camera; by default what a simulated bench states, else that of the edges in
-        psf.json.
+        Noise of the camera, or the path of a noise.json; by default what a simulated bench states,
+        or else that of the edges in psf.json.
     geometry
-        Of an earlier session: pupil offset, focal length, scatter of the heights.
+        Geometry of an earlier session, or the path of its geometry.json, for pupil offset, focal
+        length and scatter of the heights.
     edges_per_capture, edge_length_px
-        Instead of those in psf.json.
+        Number of edges per capture and their length in px; by default those in psf.json.
     levels_dn
-        Dark and bright level of the edges.
+        Dark and bright level of the edges, in DN.
     board
-        The ChArUco board of captures of kind board.
+        The ChArUco board, for captures of kind ``board``.
     scene_noise_dn
-        Noise of a pixel of the photographs, by default that of a capture at their mean level.
+        Noise of a pixel of the photographs, in DN; by default that of a capture at their mean
+        level.
     contrast_dn, signal_sigma_px
-        Peak and width of the change; the peak is 5 % of the photographs' mean level by default.
+        Peak in DN and width in px of the change; the peak is by default 5 % of the photographs'
+        mean level.
     min_d_prime
-        Threshold of the tilt limit.
+        Threshold of d' by which the limit of the tilt is predicted.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     PlanStudy
-        Predicted standard errors with their budgets, what the wants take, and what to do next.
+        Predicted standard errors with their budgets, what each wanted error takes, and what to do
+        next.
 
     Raises
     ------
     ArgumentError
-        If an argument cannot be, or a photograph is too small.
+        If an argument is not possible, or a photograph is too small.
     BenchConfigError, PlanError, PsfFileError
         If a file is not valid.
 
@@ -179,7 +186,7 @@ def write_study(path: FilePath, study: PlanStudy) -> None:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file to write.
     study
         As ``plan_study`` returns it.
 
@@ -209,7 +216,7 @@ def _photographs(call: Call, photographs: ImageLike | Iterable[ImageLike]) -> li
         return []
     listed = listed_images(photographs, "photographs")
     if len(listed) > _MOST_PHOTOGRAPHS:
-        call.note(f"the first {_MOST_PHOTOGRAPHS} of {len(listed)} photographs are looked at")
+        call.note(f"only the first {_MOST_PHOTOGRAPHS} of {len(listed)} photographs are used")
     shown = []
     for number, image in enumerate(listed[:_MOST_PHOTOGRAPHS]):
         name = str(image) if isinstance(image, str) else f"photographs[{number}]"
@@ -234,9 +241,7 @@ def _told(asked: StudiedPlan, shown: Sequence[FloatArray]) -> list[str]:
     if not shown:
         told.append(f"no photographs: the scene is {BUILT_IN}")
     elif len(shown) < 16:
-        told.append(
-            f"{len(shown)} photographs: how parts of them differ stands for how photographs differ"
-        )
+        told.append(f"{len(shown)} photographs: parts of them stand in for further photographs")
     if asked.board is not None:
         told.append(
             "the board lies centred under the camera, and heights scatter by "
@@ -290,7 +295,7 @@ def _parsed(text: str) -> Want:
     name = names[found[1]]
     unit = UNITS[name]
     if found[3] != unit:
-        raise ArgumentError(f"{text!r}: {name} is wanted in {unit}", argument="want")
+        raise ArgumentError(f"{text!r}: {name} must be given in {unit}", argument="want")
     try:
         number = float(found[2])
     except ValueError as error:

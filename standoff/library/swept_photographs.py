@@ -23,7 +23,7 @@ _LIST_NAME = "photographs.sha256"
 
 
 class _SweptPhotograph(Protocol):
-    """What a sweep keeps of a photograph: its path as it is printed, its content and encoding."""
+    """What a sweep keeps of a photograph: its path as printed, content hash and encoding."""
 
     @property
     def path(self) -> str: ...
@@ -35,7 +35,7 @@ class _SweptPhotograph(Protocol):
 
 @contextmanager
 def refusing() -> Iterator[None]:
-    """Refuse the photograph of the block if it cannot be used, so that the sweep goes on."""
+    """Refuse the photograph that the block reads if it cannot be used; the sweep then goes on."""
     try:
         yield
     except (HintError, ImageFileError) as error:
@@ -68,7 +68,7 @@ def _colours_dn(photograph: Photograph) -> FloatArray:
 def list_inputs(
     inputs: Inputs, count: int, photographs: Iterable[_SweptPhotograph], state: Path
 ) -> None:
-    """List so many photographs among the inputs; of very many a file in ``state`` with hashes."""
+    """List photographs among the inputs; very many as one file of hashes in ``state``."""
     listed = state / _LIST_NAME
     if count <= _MOST_INPUTS:
         listed.unlink(missing_ok=True)

@@ -100,21 +100,24 @@ def validate(
     Parameters
     ----------
     session
-        With textures or charts at two or more heights.
+        A session, or its folder, with textures or charts at two or more heights.
     psf
-        psf.json of the camera, best calibrated for the centre of the frame.
+        Path of the camera's psf.json, preferably calibrated on the centre of the frame.
     out
         Folder for the results.
     models
-        In any order; by default all but ``gaussian-kernelgan``, KernelGAN if PyTorch is installed.
+        Models to validate, in any order; by default all but ``gaussian-kernelgan``, and
+        ``kernelgan`` only if PyTorch is installed.
     transfer
-        Which PSF of the file: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+        Which PSF of the file to use: ``measured``, ``gaussian``, or ``best``: the measured one if
+        the file has it, else the Gaussian.
     references
-        Reference poses per target, the nearest first.
+        Number of reference poses per target; the nearest poses are taken.
     steps, seed, workers, kernel_cache
-        For models that learn: training steps, seed, processes, folder of trained kernels.
+        For models that learn: number of training steps, random seed, number of processes, and
+        folder in which trained kernels are kept.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
@@ -300,7 +303,7 @@ _SHOWN = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class WrittenReport(Shown):
-    """A report on a session, and what there is to say of it."""
+    """A report on a session, and remarks on it in ``notes``."""
 
     session: Path
     report: Path
@@ -322,14 +325,14 @@ def write_report(
     session
         A session or its folder.
     out
-        The page, HTML or PDF; ``results/report.html`` of the session by default.
+        Path of the report, HTML or PDF; by default ``results/report.html`` in the session.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     WrittenReport
-        Where it is.
+        The folder of the session, the path of the report, and remarks.
 
     Raises
     ------

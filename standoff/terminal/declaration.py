@@ -30,7 +30,7 @@ from standoff.errors import ApplicationError
 from standoff.terminal.output import ShownProgress, note_once, print_json
 
 Json = Annotated[bool, Option("--json", help="Print one JSON document on stdout and nothing else.")]
-Force = Annotated[bool, Option("--force", help="Replace results that are already there.")]
+Force = Annotated[bool, Option("--force", help="Replace existing results.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

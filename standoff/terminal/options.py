@@ -39,18 +39,18 @@ TransferForm = Annotated[
     PsfShape,
     Option(
         "--transfer",
-        help="PSF of psf.json to use: the best it has, the Gaussian, or the measured one.",
+        help="Form of the PSF to use: the best in psf.json, the Gaussian, or the measured one.",
     ),
 ]
 Threads = Annotated[
-    int, Option("--threads", min=1, help="Threads that share the rows of an image.")
+    int, Option("--threads", min=1, help="Number of threads that work on an image.")
 ]
 SessionFolder = Annotated[Path, Argument(help="Session folder.", show_default=False)]
 OperatorName = Annotated[
     str | None, Option("--operator", help="Name of the operator; the login name by default.")
 ]
 KernelWorkers = Annotated[
-    int, Option("--workers", min=1, max=1024, help="Worker processes that train kernels.")
+    int, Option("--workers", min=1, max=1024, help="Number of processes that train kernels.")
 ]
 BenchFile = Annotated[Path, Option("--bench", help="Bench file (TOML).")]
 BenchKeys = Annotated[
@@ -165,8 +165,8 @@ EncodingName = Annotated[
     Option(
         "--encoding",
         metavar="ENCODING",
-        help="How stored levels follow from light: auto (as the file states, or as is usual for "
-        "its format), linear, srgb or gamma:G.",
+        help="Encoding of the stored levels: auto (as the file states, or as is usual for its "
+        "format), linear, srgb or gamma:G.",
     ),
 ]
 _Page = Annotated[
@@ -211,7 +211,7 @@ def _reading_with_short_forms(
 Reading = Annotated["ReadOptions", MadeBy(reading_options)]
 ReadingWithShortForms = Annotated["ReadOptions", MadeBy(_reading_with_short_forms)]
 
-Workers = Annotated[int, Option("--workers", min=1, help="Worker processes on this machine.")]
+Workers = Annotated[int, Option("--workers", min=1, help="Number of processes on this machine.")]
 AsParquet = Annotated[
     bool,
     Option("--parquet", help="Also write the table as Parquet; needs the extra parquet."),
@@ -229,8 +229,8 @@ def _sweep_options(
     Options
     -------
     scheduler: Dask scheduler, tcp://HOST:PORT, instead of --workers.
-    shard: Do the K-th of N parts only: for jobs of a queue that share the folder of results.
-    strict: Stop at the first photograph that gives nothing.
+    shard: Do only part K of N, for batch jobs that share the folder of results.
+    strict: Stop at the first photograph that cannot be used.
     """
     from analysis.sweep import SweepOptions
 
@@ -265,7 +265,7 @@ def _alignment_hints(
     points: At least four pairs of points, good to a few pixels, with the header
         followup_x_px,followup_y_px,reference_x_px,reference_y_px.
     mask: Image of the follow-up's size; pixels that are not 0 are left out.
-    mirrored: One photograph shows the scene as in a mirror; without it, such a pair is refused.
+    mirrored: One photograph is mirrored; without this option, such a pair is refused.
     """
     return library.alignment_hints(
         expect_zoom, homography=homography, points=points, mask=mask, mirrored=mirrored
@@ -274,7 +274,7 @@ def _alignment_hints(
 
 Hints = Annotated["AlignmentHints | None", MadeBy(_alignment_hints)]
 HINTS = ("expect_zoom", "homography", "points", "mask", "mirrored")
-_ENOUGH = "each says what the pose is about"
+_ENOUGH = "each gives the approximate pose"
 HINT_RULES = (
     excludes("expect_zoom", "homography", "points", because=_ENOUGH),
     excludes("homography", "points", because=_ENOUGH),
@@ -304,8 +304,8 @@ FocusScatter = Annotated[
     Option(
         "--focus-scatter",
         min=0,
-        help="Standard deviation of the PSF's variance from capture to capture in px^2, as focus "
-        "makes it; by default as the calibration's captures show it.",
+        help="Standard deviation of the PSF's variance from capture to capture in px^2, due to "
+        "focus; by default as measured in the captures of the calibration.",
     ),
 ]
 FocalLengthOfTilts = Annotated[

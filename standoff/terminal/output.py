@@ -265,7 +265,7 @@ def _as_shown(text: str) -> str:
 
 def print_next_steps(steps: Sequence[tuple[str, str]]) -> None:
     """Print what each command is for, and the command that a POSIX shell takes from here."""
-    say("", "What to try next, as it stands:")
+    say("", "What to try next, ready to run:")
     for purpose, command in steps:
         say("", f"  # {purpose}", f"  {command}")
 

@@ -269,7 +269,7 @@ def say_part(
     tables, into ``out``.
     """
     shard = f"{options.part[0]}/{options.part[1]}"
-    then = "the part that ends last writes the tables"
+    then = "the part that finishes last writes the tables"
     if writes:
         then = f"the same command without --shard {writes} once all parts are done"
     answer(

@@ -78,9 +78,7 @@ def test_a_camera_that_lacks_a_feature_is_told_by_the_feature_and_its_model_not_
         check = camera_check(examine(bench_with(bench.camera.address), tmp_path))
     assert check.status == "fail"
     assert "standoff Simulated Manta G-046B has no feature ExposureTime" in check.found
-    assert check.remedy == (
-        "this camera model lacks what camera.exposure_us sets: use another camera"
-    )
+    assert check.remedy == ("this camera model cannot set camera.exposure_us: use another camera")
 
 
 @needs_aravis

@@ -31,7 +31,12 @@ _LARGEST_GRADIENT: Final = 1.0
 
 
 class TrainingPair(Protocol):
-    """A pair of photographs with the mask of what changed, as change pairs are."""
+    """A pair of photographs with the mask of what changed, as ``change_pairs`` makes them.
+
+    ``reference`` and ``followup`` are levels linear in light, of shape ``(rows, cols)`` or ``(rows,
+    cols, 3)``; ``homography``, of shape (3, 3), maps follow-up pixels ``(x, y, 1)`` to reference
+    pixels; ``mask``, of shape ``(rows, cols)``, marks the follow-up pixels that changed.
+    """
 
     @property
     def reference(self) -> Float32Array: ...  # noqa: D102
@@ -45,23 +50,23 @@ class TrainingPair(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingOptions:
-    """How long and how to train.
+    """Options for the training of a detector.
 
     Parameters
     ----------
     epochs
-        Times that each pair is seen.
+        Number of times that each pair is used.
     batch
-        Pairs of a step.
+        Number of pairs per step.
     rate
-        Largest step of Adam; it falls to 0 along a cosine.
+        Initial learning rate of Adam; it falls to 0 along a cosine.
     seed
-        Of the first weights, and of the order and cuts of pairs.
+        Seed of the initial weights, and of the order and the crops of the pairs.
 
     Raises
     ------
     ArgumentError
-        If one is out of range.
+        If a value is out of range.
 
     Examples
     --------
@@ -86,30 +91,31 @@ def train_detector(
     options: TrainingOptions | None = None,
     progress: Callable[[int, int, float], None] = lambda *_: None,
 ) -> LearnedDetector:
-    """Train a detector from scratch; the same pairs and options give the same one.
+    """Train a detector from scratch; the same pairs and options give the same detector.
 
-    One thread does the work. The global random state stays as it is.
+    The training uses one thread, and leaves the global random state as it is.
 
     Parameters
     ----------
     pairs
-        Read once; some with and some without a change. Of colours the luma is looked at.
+        Pairs to train on, some with and some without a change; read once. Of colour photographs the
+        luma is used.
     options
-        How to train.
+        Options for the training; the defaults of ``TrainingOptions`` if None.
     progress
-        Called after each step with the steps done, their number, and the loss.
+        Called after each step with the number of steps done, the number of all steps, and the loss.
 
     Returns
     -------
     LearnedDetector
-        Call it, or ``save`` it to a file that ``standoff evaluate`` takes.
+        The detector: call it, or ``save`` it to a file that ``standoff evaluate`` takes.
 
     Raises
     ------
     DetectorError
-        With reason ``missing``, if PyTorch is not installed.
+        If PyTorch is not installed; ``reason`` is then ``missing``.
     ValueError
-        If there are no pairs, or none with or none without a change.
+        If there are no pairs, none with a change, or none without one.
 
     Examples
     --------

@@ -30,12 +30,12 @@ _ONNX_OPSET = 17
 
 
 class LearnedDetector:
-    """A trained network as a `Detector`: its map is the log odds of a change at each pixel.
+    """A trained network as a `Detector`; its score is the log odds of a change at each pixel.
 
     Parameters
     ----------
     network
-        Trained.
+        The trained network.
     """
 
     def __init__(self, network: "SiameseNetwork") -> None:
@@ -53,7 +53,7 @@ class LearnedDetector:
         return np.array(odds, np.float32)
 
     def save(self, path: Path | str) -> None:
-        """Write the weights, whole or not at all: a file that `DetectorSpec.parse` understands.
+        """Write the weights, whole or not at all, to a file that ``standoff evaluate`` takes.
 
         Raises
         ------
@@ -115,7 +115,7 @@ def on_one_grid(
 ) -> Float32Array:
     """Return the grey levels of both photographs on the follow-up's grid, ``(2, rows, cols)``.
 
-    Where the reference shows nothing it is the follow-up, as in what an ONNX file is given.
+    Where the reference shows nothing, its levels are those of the follow-up, as for ONNX files.
     """
     near, far = (luma_plane(one) if one.ndim == 3 else one for one in (reference, followup))
     seen = followup_view(near, (far.shape[0], far.shape[1]), homography)
@@ -150,23 +150,23 @@ def require_torch() -> None:
 
 @checked
 def load_learned(path: FilePath) -> LearnedDetector:
-    """Return the detector in a file of `LearnedDetector.save`; nothing in the file is run.
+    """Return the detector in a file of `LearnedDetector.save`; no code in the file is run.
 
     Parameters
     ----------
     path
-        The file.
+        Path of the file.
 
     Returns
     -------
     LearnedDetector
-        Of which a call gives a map of the log odds of a change.
+        The detector; a call returns a map of the log odds of a change.
 
     Raises
     ------
     DetectorError
-        With reason ``missing``, if PyTorch is not installed, the file cannot be read, is damaged or
-        of another kind.
+        If PyTorch is not installed, or the file cannot be read, is damaged or of another kind;
+        ``reason`` is then ``missing``.
 
     Examples
     --------

@@ -110,10 +110,9 @@ _SETTINGS = ("task", "psf", "reading")
 
 
 class ChangePairsFile(StoredValues):
-    """A file of pairs, and the photograph that they are from.
+    """A file of pairs, and the photograph that they were made from.
 
-    ``pairs`` counts those without and with a change together; half of them have one. ``sha256`` is
-    the photograph's.
+    ``pairs`` is the number of pairs, of which half have a change. ``sha256`` is the photograph's.
     """
 
     file: str
@@ -125,10 +124,11 @@ class ChangePairsFile(StoredValues):
 
 
 class ChangePairsDataset(ResultsDocument):
-    """What a data set of change pairs holds: the document of its dataset.json.
+    """Description of a data set of change pairs: the document of its dataset.json.
 
-    ``is_complete`` is false until all photographs were tried; then ``files`` names the file of
-    each, and ``refused`` the first that could not be used, of ``refused_photographs``.
+    ``is_complete`` is false until all photographs have been tried; ``files`` then names the file of
+    each. ``refused_photographs`` is the number of photographs that could not be used, ``refused``
+    names the first of them.
     """
 
     schema_name: Literal["standoff.change-pairs/1"] = Field(
@@ -198,7 +198,7 @@ def write_change_pairs(
     ResultsFileError
         If the folder holds pairs with other settings, or cannot be written.
     SweepError
-        If no worker is fit, or, when strict, a photograph is refused.
+        If no usable worker is available, or, with ``strict``, a photograph cannot be used.
     """
     options = options or SweepOptions()
     head: dict[str, Any] = {

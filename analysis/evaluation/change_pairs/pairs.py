@@ -136,39 +136,41 @@ Range = Annotated[tuple[float, float], AfterValidator(_rising)]
 
 
 class ChangePairsTask(CheckedModel):
-    """What pairs a data set is made of; each draws its conditions from these ranges.
+    """Conditions of the pairs of a data set; each pair draws its own from these ranges.
 
-    Zoom, noise, contrast and width are drawn evenly on a logarithmic scale, the tilt evenly.
+    A range is its lowest and highest value. Zoom, noise, contrast and width are drawn evenly on a
+    logarithmic scale, the tilt on a linear one.
 
     Parameters
     ----------
     zooms
-        Ratio of the follow-up's distance to the reference's, from 1.
+        Range of the follow-up's distance over the reference's, from 1.
     tilts_deg
-        Tilt of the follow-up, from 0; above 0 it needs ``focal_length_px`` and one of
-        ``simulation.choices.POSE_MODELS``.
+        Range of the follow-up's tilt, from 0; a tilt above 0 needs ``focal_length_px`` and the
+        model ``matched`` or ``lmmse``.
     noises_dn
-        Standard deviation of the white noise of both photographs, in each channel of colours; from
-        0, it is drawn evenly.
+        Range of the standard deviation of the white noise of both photographs, in each colour
+        channel; a range that begins at 0 is drawn on a linear scale.
     contrasts_dn
-        Absolute peak of the change, a Gaussian spot, in DN.
+        Range of the absolute peak of the change, a Gaussian spot, in DN.
     changes
         Whether spots are brighter than the scene, darker, or either.
     sigmas_px
-        Width of the spot in px of the photograph.
+        Range of the width (sigma) of the spot, in px of the photograph.
     model, reference_zoom, crop_px, focal_length_px, focus_scatter_px2, light_scatter
-        As of an `EvaluationTask`.
+        As in `EvaluationTask`.
     pairs
-        Pairs without and pairs with a change that are cut from each photograph.
+        Number of pairs without a change, and of as many with one, that are cut from each
+        photograph.
     test_fraction
-        Share of the photographs kept for testing.
+        Share of the photographs that is kept for testing.
     seed
-        Of all that is random.
+        Seed of all random numbers.
 
     Raises
     ------
     ValueError
-        If a value is out of range, or pairs at the ends of the ranges are not possible.
+        If a value is out of range, or no pair can be made at an end of the ranges.
 
     Examples
     --------
@@ -207,7 +209,7 @@ class ChangePairsTask(CheckedModel):
 
     @property
     def widest(self) -> EvaluationTask:
-        """The task that needs the largest part of a photograph."""
+        """The task, of all that can be drawn, that needs the largest part of a photograph."""
         return self._task(
             Condition(
                 zoom=self.zooms[1],

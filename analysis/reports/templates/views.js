@@ -79,7 +79,7 @@ for (const section of document.querySelectorAll("section.views")) {
     buttons[name] = button(names[name], () => { pause(); show(name); }, `show ${names[name]}`);
   }
   gap();
-  const blink = button("blink", () => setBlink(!timer), "before and after in turn (b)");
+  const blink = button("blink", () => setBlink(!timer), "show before and after in turn (b)");
   const pace = document.createElement("input");
   Object.assign(pace, { type: "range", min: 150, max: 1500, step: 50, value: BLINK_MS });
   pace.title = "time of each photograph";

@@ -327,7 +327,7 @@ class _Pages:
         self._throttle.note_wrong(peer)
         if self._throttle.wait_s(peer) > 0 and self._warnings.wait_s == 0:
             self._warnings.take()
-            self._hub.tell(f"Somebody at {peer} guesses the console's token.")
+            self._hub.tell(f"Somebody at {peer} is guessing the console's token.")
 
     def _captured(self, request: Request) -> tuple[Session, CaptureRecord]:
         """The capture that is asked for, and its session."""
@@ -350,7 +350,7 @@ class _Pages:
         try:
             async with self._turns:
                 if await request.is_disconnected():
-                    raise HTTPException(400, "nobody waits for this page any more")
+                    raise HTTPException(400, "nobody is waiting for this page any more")
                 return await asyncio.to_thread(make)
         except UnknownSessionError as error:
             raise HTTPException(404, str(error)) from error

@@ -180,7 +180,7 @@ class CommandHandler(PictureCommands):
         folder = self._hub.plans.folder_of(plan)
         if folder is None:
             self._hub.tell(
-                f"The plan {plan.name!r} is in no folder of plans any more: its captures are not "
+                f"The plan {plan.name!r} is no longer in any folder of plans: its captures are not "
                 "compared with the photographs that it names."
             )
             return PlannedComparisons(session=path)

@@ -52,7 +52,7 @@ class PictureCommands:
         self._refuse_beyond_limits(exposure_us)
         if exposure_us > 1e6 * LONG_S and not is_long_wanted:
             raise ApplicationError(
-                f"Each picture would take {1e-6 * exposure_us:.3g} s: say that this is wanted."
+                f"Each picture would take {1e-6 * exposure_us:.3g} s: confirm that you want this."
             )
         self._hub.camera.set_exposure_us(exposure_us)
 
@@ -253,7 +253,7 @@ class PictureCommands:
         if job is None:
             return
         if self._hub.sweep.view.state == "running":
-            raise BusyError(job.name, "A sweep needs the same light all the way: wait, or stop it.")
+            raise BusyError(job.name, "A sweep locks exposure and gain: wait, or stop it.")
         if self._hub.run.is_under_way:
             raise BusyError(job.name, "The session sets exposure and gain while it runs.")
         if job.name in (AUTO_EXPOSURE, SNAPSHOT):
@@ -311,6 +311,6 @@ def exposure_sentence(found: FoundExposure, *, longest: _LongestExposure, mains_
         )
     return (
         f"{exposure}: the brightest parts reach {reached}, {aim}, because exposures are {period} "
-        "and one more would be too bright. Give more light or raise the gain by a little; for "
-        "light that does not flicker, capture.mains_hz = 0 in the bench file."
+        "and one more would be too bright. Give more light or raise the gain slightly; for light "
+        "that does not flicker, set capture.mains_hz = 0 in the bench file."
     )

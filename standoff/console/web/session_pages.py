@@ -41,9 +41,9 @@ _BODY = re.compile(rb"<body\b[^>]*>", re.IGNORECASE)
 
 BLOCKED = (
     '<p role="alert" style="margin:0;padding:.7em 1em;background:#fff3cd;color:#3d2f00">'
-    "<b>The script of this page does not run in the console</b>, as it is not of this version of "
-    "standoff: rows cannot be chosen, and before and after do not blink. Compute the result again "
-    "to have both, or open the file itself.</p>"
+    "<b>The script of this page does not run in the console</b>, as it is from another version of "
+    "standoff: rows cannot be chosen, and before and after do not blink. To have both, compute the "
+    "result again, or open the file itself.</p>"
 )
 
 

@@ -170,7 +170,7 @@ def _overlay_document(view: PoseView, shown: tuple[int, ...] | None) -> Document
     if shown is not None and tuple(shown) != (rows, cols):
         fault = (
             f"The reference has {cols} × {rows} pixels, the live picture {shown[1]} × {shown[0]}: "
-            "it cannot lie over it."
+            "it cannot be overlaid."
         )
     return {"number": view.picture.number, "fault": fault}
 

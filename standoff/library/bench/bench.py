@@ -20,19 +20,21 @@ from standoff.library.call import FilePath, path_of
 class Bench(MovableBench):
     """A camera on a height stage, real or simulated; a context manager that opens and closes both.
 
-    Making one opens nothing and moves nothing; ``with`` opens the devices, and so does `open`,
-    for notebooks. Leaving closes them. An error or an interrupt during a move stops the stage.
+    Constructing a bench neither opens nor moves anything. ``with`` opens both devices and closes
+    them at its end; in a notebook, call `open` and `close` instead. An error or an interrupt
+    during a move stops the stage.
 
     Parameters
     ----------
     bench
-        The path of a bench file, or what one says.
+        The path of a bench file, or a `BenchConfig`.
     settings
-        Keys that replace those of the file: ``{"camera.exposure_us": 4000}``.
+        Values that override keys of the bench file: ``{"camera.exposure_us": 4000}``.
     operator
-        Name in the sessions that it writes; the login name if None.
+        Name of the operator, recorded in the sessions; the login name if None.
     ask
-        Asks whoever moves a manual stage a question; at the terminal if None.
+        Function that puts a question to the person who moves a manual stage and returns the
+        answer; if None, the question is asked at the terminal.
 
     Raises
     ------
@@ -62,21 +64,25 @@ class Bench(MovableBench):
         measure: FocusMeasure = "squared-gradient",
         geometry: GeometryCalibration | FilePath | None = None,
     ) -> FocusPeak:
-        """Sweep the stage through the focus, move to the peak and return it with its error.
+        """Sweep the stage through focus, move to the peak and return the peak with its error.
 
         The stage is homed if necessary.
 
         Parameters
         ----------
         heights_mm
-            Lowest and highest height; if None, the whole travel, then finely about the best.
+            Lowest and highest height of the sweep; if None, the whole travel is swept coarsely
+            and then the range about the best height finely.
         steps
             Number of heights, at least 7.
         region
             Part of the frame to use; None for all of it.
+        measure
+            Focus measure; ``docs/focus.md`` describes them.
         geometry
-            Of an earlier session with this lens, or its geometry.json: where the entrance pupil
-            is. Without it that is part of the error.
+            Geometry of an earlier session with this lens, or the path of its geometry.json, for
+            the position of the entrance pupil. Without it, the error of the peak includes the
+            uncertainty of that position.
 
         Raises
         ------
@@ -108,14 +114,15 @@ class Bench(MovableBench):
     def capture(
         self, *, exposure_us: float | None = None, frames: int | None = None
     ) -> BenchCapture:
-        """Average some frames at the present height; writes nothing.
+        """Return the mean of several frames at the present height; no file is written.
 
         Parameters
         ----------
         exposure_us
-            By default that of the bench.
+            Exposure time in us; by default that of the bench file.
         frames
-            By default as the bench says; at least 2.
+            Number of frames, at least 2; by default ``capture.frames_per_capture`` of the bench
+            file.
 
         Raises
         ------
@@ -157,34 +164,35 @@ class Bench(MovableBench):
         orientation_deg: float = 0.0,
         progress: Callable[[CaptureProgress], None] = lambda _: None,
     ) -> Session:
-        """Capture one target at each height, as a session; the same call resumes it.
+        """Capture one target at each height into a session; the same call resumes a session.
 
         The stage is homed if necessary. A real target must be in place; a simulated one is placed.
 
         Parameters
         ----------
         heights_mm
-            In any order; the stage visits them from the side of approach.
+            Heights in mm, in any order; the stage visits them in the order that its approach
+            direction (``stage.approach``) requires.
         out
             Folder of the session: new, empty, or the one to resume.
         target, kind, orientation_deg
-            What lies under the camera, as in a plan.
+            Name, kind and orientation of the target under the camera, as in a plan.
         progress
             Called after each capture.
 
         Returns
         -------
         Session
-            What `Session` reads: plan, captures and files.
+            The session, with its plan and captures.
 
         Raises
         ------
         PlanError
             If a height is given twice, or the target has no name.
         StageLimitError
-            Before anything moves, if a height is outside the travel.
+            If a height is outside the travel; raised before anything moves.
         SessionError, DeviceError
-            As ``standoff capture``; what was captured until then is kept.
+            If the session or a device fails; the captures made so far are kept.
         """
         plan = height_series(
             path_of(out, "out").name,
@@ -213,9 +221,10 @@ class Bench(MovableBench):
         out
             Folder of the session.
         place
-            Called when the target is to be changed or turned; returns ``"ready"`` once it is, or
-            ``"skip"``. A simulated bench places its own targets. Without it, a real bench
-            takes plans of one target that is in place.
+            Called when a target is to be placed or turned; it returns ``"ready"`` once that is
+            done, or ``"skip"`` to leave that target out. Without it, a real bench accepts only
+            plans with one target in one orientation, which must be in place already. A simulated
+            bench ignores it and places the targets itself.
         retake
             Indices of captures to take again.
         progress
@@ -224,9 +233,9 @@ class Bench(MovableBench):
         Raises
         ------
         PlanError
-            If the plan is not valid, or has several targets and nobody to place them.
+            If the plan is not valid, or needs several placements and ``place`` is not given.
         SessionError, DeviceError
-            As ``standoff capture``; what was captured until then is kept.
+            If the session or a device fails; the captures made so far are kept.
         """
         planned = plan if isinstance(plan, CapturePlan) else load_plan(path_of(plan, "plan"))
         placed = placement_of(planned, self.simulated, None if self.is_simulated else place)
@@ -240,9 +249,9 @@ class Bench(MovableBench):
 def height_series(
     name: str, heights_mm: Iterable[float], target: Mapping[str, object], **keys: object
 ) -> CapturePlan:
-    """Return the plan of one target, as ``[[targets]]`` describes it, over a series of heights.
+    """Return the plan that captures one target, a table of ``[[targets]]``, at several heights.
 
-    ``keys`` are other keys of the plan.
+    ``keys`` are further keys of the plan.
     """
     heights = [float(height) for height in heights_mm]
     table = {"schema": "standoff.plan/1", "name": name, "heights_mm": heights, "targets": [target]}

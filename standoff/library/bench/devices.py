@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenBench:
-    """Camera and stage, opened; ``simulated`` is the bench behind them if it is simulated.
+    """Camera and stage, opened; ``simulated`` is the simulated bench behind them, if there is one.
 
-    ``clock`` returns the time in seconds that both run on, and ``sleep`` waits: those of the
-    bench if it is simulated. ``warnings`` are for the operator, one line each.
+    ``clock`` returns the time in seconds by which both devices run, and ``sleep`` waits; a
+    simulated bench has its own. ``warnings`` are for the operator, one line each.
     """
 
     camera: Camera
@@ -56,7 +56,8 @@ def open_bench(
 ) -> Iterator[OpenBench]:
     """Open camera and stage, and close both at the end.
 
-    ``ask`` asks whoever moves a manual stage a question; at the terminal if None.
+    ``ask`` puts a question to the person who moves a manual stage and returns the answer; if None,
+    the question is asked at the terminal.
     """
     refuse_half_simulated(config)
     is_simulated = config.camera.driver == "simulated"
@@ -125,8 +126,8 @@ def open_stage(
     """Open the real stage that a bench file names, without moving it.
 
     ``first`` is sent before the dialogue begins: ``stop`` ends a move that another program left
-    running, after which ``stopped`` is called, and ``reset`` a state in which a Grbl controller
-    does not answer. ``ask`` asks whoever moves a manual stage; at the terminal if None.
+    running, after which ``stopped`` is called; ``reset`` ends a state in which a Grbl controller
+    does not answer. ``ask`` is as in `open_bench`.
     """
     match config.driver:
         case "grbl":
@@ -175,7 +176,7 @@ def placement_of(
     simulated: SimulatedBench | None,
     place: Callable[[PlanEntry], Placement] | None,
 ) -> Callable[[PlanEntry], Placement]:
-    """Return the callback that has a target placed: by ``place``, and by a simulated bench."""
+    """Return the callback that gets a target placed: it calls ``place`` and a simulated bench."""
     if simulated is not None:
         in_simulation = place_in_simulation(simulated)
         if place is None:
@@ -187,7 +188,7 @@ def placement_of(
     if targets > 1:
         raise PlanError(
             f"plan {plan.name} has {targets} targets or orientations to place in turn; "
-            "give place=, which has each one placed"
+            "give place=, a function that has each of them placed"
         )
     return lambda _: "ready"
 
@@ -283,17 +284,17 @@ class MovableBench:
 
     @property
     def camera(self) -> Camera:
-        """The camera itself, for what is not offered here."""
+        """The camera itself, for operations that this class does not offer."""
         return self._open().camera
 
     @property
     def stage(self) -> Stage:
-        """The stage itself, for what is not offered here."""
+        """The stage itself, for operations that this class does not offer."""
         return self._open().stage
 
     @property
     def devices(self) -> BenchDevices:
-        """Both devices with their config and clock, as the functions of ``acquisition`` take."""
+        """Both devices with their config and clock, as functions of ``acquisition`` take them."""
         opened = self._open()
         return BenchDevices(
             config=self.config,
@@ -310,31 +311,31 @@ class MovableBench:
 
     @property
     def limits_mm(self) -> tuple[float, float]:
-        """Lowest and highest height that a move may ask for."""
+        """Lowest and highest height that a move may ask for, in mm."""
         return self.stage.limits_mm
 
     @property
     def height_mm(self) -> float:
-        """Height read back now."""
+        """Height read back from the stage now, in mm."""
         return self.stage.position_mm()
 
     @property
     def asked_mm(self) -> float:
-        """Height that the last move asked for; the one read back, if it was moved otherwise."""
+        """Height in mm that `move` last asked for; the one read back if it was moved otherwise."""
         return self.height_mm if self._asked_mm is None else self._asked_mm
 
     @property
     def simulated(self) -> SimulatedBench | None:
-        """The simulated bench of this process behind both devices; None of a real one."""
+        """The simulated bench behind both devices; None if the bench is real."""
         return self._open().simulated
 
     @property
     def is_simulated(self) -> bool:
-        """Whether camera, stage and scene are the simulated ones of this process."""
+        """Whether camera, stage and scene are simulated in this process."""
         return self.simulated is not None
 
     def home(self) -> float:
-        """Find the reference switch, and return the height there."""
+        """Home the stage to its reference switch and return the height there, in mm."""
         self._asked_mm = None
         stage = self.stage
         with _stopping_if_interrupted(stage):
@@ -343,7 +344,7 @@ class MovableBench:
 
     @checked
     def move(self, height_mm: float) -> float:
-        """Move to a height and settle; return the height read back."""
+        """Move to a height in mm, wait until settled, and return the height read back, in mm."""
         self._asked_mm = None
         stage = self.stage
         try:
@@ -355,7 +356,7 @@ class MovableBench:
         return found_mm
 
     def stop(self) -> None:
-        """Stop the stage under control; any thread may call it."""
+        """Stop the stage with a controlled deceleration; any thread may call this."""
         self.stage.stop()
 
     @checked
@@ -399,7 +400,7 @@ def find_cameras() -> tuple["FoundCamera", ...]:
     Returns
     -------
     tuple of FoundCamera
-        Address, vendor, model, serial number and id of each that answers.
+        Address, vendor, model, serial number and id of each camera that answers.
 
     Raises
     ------

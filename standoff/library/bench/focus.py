@@ -1,4 +1,4 @@
-"""How sharp the picture of a bench's camera is, live, and the height at which it is sharpest."""
+"""Live focus values of a bench's camera, and the height at which its picture is sharpest."""
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -59,7 +59,7 @@ _READING = ("value", "peak", "percent_of_peak", "trend", "is_past_peak", "noise"
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class WatchedFocus(Shown):
-    """The last reading of the live aid."""
+    """The last reading of the live focus aid."""
 
     reading: FocusReading
     measure: FocusMeasure
@@ -72,7 +72,7 @@ class WatchedFocus(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class FoundFocus(Shown):
-    """A sweep through the focus; ``tolerance_mm`` is that of the stage."""
+    """A sweep through focus; ``tolerance_mm`` is the positioning tolerance of the stage."""
 
     sweep: FocusSweep
     measure: FocusMeasure
@@ -86,7 +86,7 @@ class FoundFocus(Shown):
         Raises
         ------
         NoFocusPeakError
-            If there is none; the message says where to look.
+            If the sweep has no peak; the message says where to look.
         """
         if self.sweep.peak is None:
             raise NoFocusPeakError(self.sweep.why_not or "no peak")
@@ -99,7 +99,7 @@ class FoundFocus(Shown):
 
     @property
     def is_finer_than_stage(self) -> bool:
-        """Whether the peak is known to more than the stage can hold."""
+        """Whether the peak is known more precisely than the stage can hold its position."""
         return self.half_interval_mm < self.tolerance_mm
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
@@ -154,30 +154,31 @@ def watch_focus(
     target: str | None = None,
     progress: Progress | None = None,
 ) -> WatchedFocus:
-    """Show how sharp the picture is, until Ctrl-C or for a number of readings.
+    """Show focus values of the live picture until Ctrl-C, or for a number of readings.
 
     Ctrl-C is the normal way to end this, so it is not an error once a value has been shown.
 
     Parameters
     ----------
     bench, settings
-        A bench file or what one says, and keys that replace those of the file.
+        The path of a bench file or a `BenchConfig`, and values that override keys of the file.
     show
         Called with each reading and its time in s.
     measure
-        Focus measure.
+        Focus measure; ``docs/focus.md`` describes them.
     region
         Part of the frame to use, in px; None for all of it.
     frames
-        In the running median that is shown; an even number counts as the next odd one.
+        Number of frames in the running median that is shown; an even number counts as the next
+        odd one.
     readings
-        End after this many.
+        Number of readings after which to end; None to go on until Ctrl-C.
     noise
-        Of the camera; it is measured if None.
+        Noise of the camera, or the path of a noise.json; if None, it is measured.
     target
-        Placed under a simulated camera.
+        Name of a target to place under a simulated camera.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
@@ -191,7 +192,7 @@ def watch_focus(
     BenchConfigError, DeviceError, NoiseFileError
         If the bench, the camera or the noise is at fault.
     KeyboardInterrupt
-        If Ctrl-C came before the first value.
+        If Ctrl-C is pressed before the first value.
 
     Examples
     --------
@@ -240,35 +241,38 @@ def find_focus(
     measured: Callable[[FocusPoint], None] = lambda _: None,
     progress: Progress | None = None,
 ) -> FoundFocus:
-    """Sweep the stage through the focus, and fit the height at which the picture is sharpest.
+    """Sweep the stage through focus and fit the height at which the picture is sharpest.
 
     Parameters
     ----------
     bench, settings, measure, region, noise, target, progress
         As in ``watch_focus``.
     heights_mm
-        Lowest and highest height; if None, the whole travel, then finely about the best.
+        Lowest and highest height of the sweep; if None, the whole travel is swept coarsely and
+        then the range about the best height finely.
     steps
         Number of heights, at least 7.
     frames
-        At each height, at least 2; as the bench says if None.
+        Number of frames at each height, at least 2; if None, that of the bench file.
     ends_at_peak
-        Move to the peak at the end.
+        Whether the stage moves to the peak at the end.
     geometry
-        Of an earlier session with this lens, or its geometry.json: where the entrance pupil is.
-        Without it that is part of the error.
+        Geometry of an earlier session with this lens, or the path of its geometry.json, for the
+        position of the entrance pupil. Without it, the error of the peak includes the uncertainty
+        of that position.
     measured
-        Called at each height.
+        Called with the focus value of each height as it is measured.
 
     Returns
     -------
     FoundFocus
-        Its ``peak`` is the height with its error; ``sweep.why_not`` says where to look otherwise.
+        ``peak`` is the height with its error; if there is no peak, ``sweep.why_not`` says why and
+        where to look.
 
     Raises
     ------
     ArgumentError
-        Besides, if the heights are not in order.
+        As ``watch_focus``, and if the heights are not in order.
     BenchConfigError, DeviceError, GeometryFileError, NoiseFileError
         If the bench, a device, the geometry or the noise is at fault; the stage is stopped first.
 
@@ -313,7 +317,7 @@ def find_focus(
 
 
 def pupil_of(geometry: GeometryCalibration | FilePath | None) -> PupilOffset:
-    """What a geometry says of the entrance pupil."""
+    """Return the offset of the entrance pupil by a geometry; unknown if there is none."""
     if geometry is None:
         return UNKNOWN_PUPIL
     if not isinstance(geometry, GeometryCalibration):

@@ -24,17 +24,17 @@ def preview_plan(
     *,
     settings: Mapping[str, Any] | None = None,
 ) -> PlanPreview:
-    """Say what a capture plan asks for; opens and writes nothing.
+    """Return the captures that a plan asks for; no device is opened and no file written.
 
     Parameters
     ----------
     plan, bench, out, settings
-        As in ``capture_session``. A session that ``out`` holds already is noted.
+        As in ``capture_session``. If ``out`` already holds a session, a note says so.
 
     Returns
     -------
     PlanPreview
-        The captures in order, with placements, time and disk use.
+        The captures in order, and their placements, time and disk space.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def given_plan(plan: CapturePlan | FilePath) -> CapturePlan:
 
 
 def bench_config(bench: object, settings: Mapping[str, Any] | None) -> BenchConfig:
-    """Return a bench as its file says, with the keys that replace those of the file."""
+    """Return a bench config, read from its file if a path is given, with ``settings`` applied."""
     if isinstance(bench, str | PathLike):
         return load_bench(Path(bench), dict(settings or {}))
     if not isinstance(bench, BenchConfig):

@@ -71,37 +71,41 @@ def capture_session(
     plan
         A plan, or the path of a plan file.
     bench, settings, operator, ask
-        As in ``Bench``: the bench, keys that replace those of its file, the name in the session,
-        and who is asked to move a manual stage.
+        As in ``Bench``: the bench, values that override keys of its file, the operator's name, and
+        the function that asks the person who moves a manual stage.
     out
         Folder of the session: new, empty, or the one to resume.
     place
-        Called when the target is to be changed or turned; returns ``"ready"`` once it is, or
-        ``"skip"``. Without it a real bench takes plans of one target that is in place. A simulated
-        bench then places the target itself.
+        Called when a target is to be placed or turned; it returns ``"ready"`` once that is done, or
+        ``"skip"`` to leave that target out. Without it, a real bench accepts only plans with one
+        target in one orientation, which must be in place already. A simulated bench places the
+        targets itself, after calling ``place`` if it is given.
     review
-        Called for a capture with a fault; returns ``"keep"`` or ``"retake"``.
+        Called with the entry and the problems of a capture that is bad enough to retake; it
+        returns ``"keep"`` or ``"retake"``.
     before_capture
         Called before each capture, with the stage at rest; it may wait.
     retake
         Indices of captures to take again.
-    begun, captured
-        Called with what the plan will take, once the devices are open; and after each capture.
+    begun
+        Called once the devices are open, with the time and disk space that the plan will take.
+    captured
+        Called after each capture, with the progress.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     CapturedSession
-        How many captures were made; findings about them are among its ``notes``.
+        How many captures were made; ``notes`` include the problems found with them.
 
     Raises
     ------
     PlanError
-        If the plan is not valid, or has several targets and nobody to place them.
+        If the plan is not valid, or needs several placements and ``place`` is not given.
     BenchConfigError, DeviceError, ImageFileError, SessionError
-        If the bench, a device, a photograph that the plan names or the session is at fault; what
-        was captured until then is kept.
+        If the bench file, a device, a photograph that the plan names or the session is at fault;
+        the captures made so far are kept.
 
     Examples
     --------
@@ -168,7 +172,7 @@ class PlannedComparisons:
         )
 
     def pose_sentence(self, record: CaptureRecord) -> str | None:
-        """Say how a capture's pose compares with its reference; None if it has none."""
+        """Say how a capture's pose compares with its reference's; None without a reference."""
         reference = self.references.get((record.kind, record.target))
         if reference is None:
             return None
@@ -183,7 +187,7 @@ class PlannedComparisons:
     def write(self, progress: Progress | None = None) -> tuple[str, ...]:
         """Compare all captures with their references; return where the results are.
 
-        They are resumed: what was compared before is not compared again.
+        Captures that an earlier run compared are not compared again.
         """
         if not self.references:
             return ()

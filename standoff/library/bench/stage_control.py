@@ -22,10 +22,11 @@ def operate_stage(
     stopped: Callable[[str], None],
     note: Callable[[str], None],
 ) -> StageReport:
-    """Do one thing with the stage, and close it again.
+    """Open the stage, do one action with it, and close it again.
 
-    ``stopped`` is told that the stage stands, before anything else is asked of it, and ``note``
-    what went wrong after that. An interrupt brings the stage to a controlled stop.
+    ``stopped`` is called with a sentence once the stage has been stopped, before anything else is
+    asked of it; ``note`` is called with what went wrong after that. An interrupt brings the stage
+    to a controlled stop.
     """
     if action == "stop":
         return _stop(config, stopped, note)

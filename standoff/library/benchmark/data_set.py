@@ -62,24 +62,24 @@ _ABOUT_NAME = "set.json"
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class MadeBenchmark(Shown):
-    """A data set that is complete.
+    """A complete data set of the public benchmark.
 
     Parameters
     ----------
     out
-        Its folder.
+        Folder of the data set.
     size, seed
-        As asked for.
+        Size and seed that were asked for.
     tasks
-        Number of its tasks by track.
+        Number of tasks by track.
     tasks_found_done
-        Those that an earlier run had rendered.
+        Number of tasks that an earlier run had rendered.
     files, bytes
-        Their number, the manifest not counted, and their size.
+        Number of files, without the manifest, and their total size in bytes.
     sha256
-        Of the whole: the same wherever it is made with the same versions of packages.
+        Hash of the whole data set: the same wherever it is made with the same package versions.
     notes
-        Remarks.
+        Remarks, one sentence each.
     """
 
     out: Path
@@ -115,15 +115,15 @@ def make_benchmark(
     Parameters
     ----------
     out
-        Folder for the set: a new one, an empty one, or one in which it was begun.
+        Folder for the data set: new, empty, or holding part of the same data set.
     size
         ``tiny``: a few MB, for tests; ``small``: about 100 MB; ``full``: about 1 GB.
     seed
-        Of everything random. Published results are for seed 1.
+        Seed of all random numbers. Published results are for seed 1.
     workers
-        Processes that render; the files are the same for any number.
+        Number of processes that render; the files do not depend on it.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------

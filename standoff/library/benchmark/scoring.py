@@ -33,7 +33,7 @@ SCORE_FILES = ("scores.json", "scores.csv", "scores.md", "scores.html")
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ScoredBenchmark(Shown):
-    """Scores of programs, side by side, and what there is to remark."""
+    """Scores of programs, side by side, and remarks in ``notes``."""
 
     scores: BenchmarkScores
     notes: tuple[str, ...] = ()
@@ -55,7 +55,7 @@ class ScoredBenchmark(Shown):
         return json_object(self.scores)
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the scores as a pandas table, a line for each program, group and measure.
+        """Return the scores as a pandas table, one row per program, group and measure.
 
         Raises
         ------
@@ -98,11 +98,11 @@ def score_benchmark(
     Parameters
     ----------
     results
-        The folder of a program's results, or several folders, each of another program.
+        Folder of one program's results, or several folders, one per program.
     data
         Folder of the data set, with its truth.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def score_benchmark(
     ArgumentError
         If no folder of results is given.
     ResultsFileError
-        If a file of the data set is not that of its manifest, or one of a program cannot be used.
+        If a file of the data set differs from its manifest, or a file of a program cannot be used.
 
     Examples
     --------

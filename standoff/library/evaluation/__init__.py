@@ -1,4 +1,4 @@
-"""One's own change detector, run on pairs from other poses."""
+"""Evaluation of a user's change detector on pairs of photographs from other poses."""
 
 import lazy_loader as lazy
 

@@ -1,4 +1,4 @@
-"""Pairs of photographs with and without a change, for training one's own detector."""
+"""Pairs of photographs with and without a change, for training a detector."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ from standoff.library.swept_photographs import colour_scene_image
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ChangePairs(Shown):
-    """A data set of change pairs, and what became of the photographs.
+    """A data set of change pairs, and how many photographs could be used.
 
-    ``dataset`` is complete unless only a part of the photographs was done.
+    ``dataset`` is complete unless only a part of the photographs was processed.
     """
 
     dataset: ChangePairsDataset
@@ -49,10 +49,11 @@ def change_pairs(
 ) -> ChangePairs:
     """Write pairs of photographs with and without a change, for training a detector.
 
-    Of each photograph ``out`` gets one compressed ``.npz`` of numpy, in ``train`` or ``test``, with
-    references, follow-ups from another pose, homographies, labels and masks of the change; and all
-    together dataset.json. A second call writes what is missing. A photograph that cannot be read,
-    or is too small, is left out and listed; photographs of the same content share a file.
+    For each photograph, ``out`` receives one compressed ``.npz`` file of numpy, in ``train`` or
+    ``test``, with references, follow-ups from another pose, homographies, labels and masks of the
+    change; dataset.json describes them all. A second call writes what is missing. A photograph that
+    cannot be read, or is too small, is left out and listed; photographs with the same content share
+    a file.
 
     Parameters
     ----------
@@ -66,18 +67,20 @@ def change_pairs(
         Ranges of poses, noise and changes, and the number of pairs; the defaults of
         ``ChangePairsTask`` if None.
     transfer
-        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+        Which PSF of a calibration to use: ``measured``, ``gaussian``, or ``best``: the measured
+        one if the calibration has it, else the Gaussian.
     sweep
-        Who works, and on what part; by default this process, on all.
+        Number of worker processes, and which part of the work to do, see `SweepOptions`; by
+        default this process does all of it.
     reading
         How files are read; see ``standoff.reading``.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     ChangePairs
-        ``dataset``, whose ``pairs("train")`` reads the pairs, and what became of the photographs.
+        ``dataset``, whose ``pairs("train")`` reads the pairs, and counts of the photographs.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def change_pairs(
         If the PSF cannot be read, no photograph can be used, or ``out`` holds pairs with other
         settings or cannot be written.
     SweepError
-        If no worker is fit, or, when strict, a photograph is refused.
+        If no usable worker is available, or, with ``strict``, a photograph cannot be used.
 
     Examples
     --------
@@ -126,12 +129,12 @@ def read_change_pairs(folder: FilePath) -> ChangePairsDataset:
     Parameters
     ----------
     folder
-        With its dataset.json.
+        The folder, with its dataset.json.
 
     Returns
     -------
     ChangePairsDataset
-        What it holds; ``pairs("train")`` and ``pairs("test")`` read the pairs.
+        Description of the data set; ``pairs("train")`` and ``pairs("test")`` read the pairs.
 
     Raises
     ------

@@ -74,9 +74,9 @@ _WIDEST_WINDOW_PX = 61
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class EvaluatedDetector(Shown):
-    """How well a detector does, and what became of the photographs.
+    """How well a detector does, and how many photographs could be used.
 
-    ``evaluation`` is None where only a part of the photographs was done.
+    ``evaluation`` is None if only a part of the photographs was processed.
     """
 
     evaluation: Evaluation | None
@@ -94,7 +94,7 @@ class EvaluatedDetector(Shown):
         Raises
         ------
         ArgumentError
-            If only a part was done.
+            If only a part of the photographs was processed.
         ApplicationError, ResultsFileError
             If a file cannot be written.
         """
@@ -113,7 +113,7 @@ class EvaluatedDetector(Shown):
         return Shown._repr_html_(self) if self.evaluation is None else self.evaluation._repr_html_()
 
     def to_dataframe(self) -> "DataFrame":
-        """Return the curves as a pandas table, a line for each curve and zoom."""
+        """Return the curves as a pandas table, one row per curve and zoom."""
         return self._whole.to_dataframe()
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
@@ -122,14 +122,14 @@ class EvaluatedDetector(Shown):
         Raises
         ------
         ArgumentError
-            If only a part was done.
+            If only a part of the photographs was processed.
         """
         return self._whole.plot(ax)
 
     @property
     def _whole(self) -> Evaluation:
         if self.evaluation is None:
-            raise ArgumentError("a part of the photographs gives no curves; do the others")
+            raise ArgumentError("part of the photographs gives no curves; run the other parts")
         return self.evaluation
 
 
@@ -149,19 +149,20 @@ def evaluate(
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> EvaluatedDetector:
-    """Measure how well a change detector does from other poses of a camera.
+    """Measure how well a change detector does on follow-ups from other poses of the camera.
 
-    From each photograph pairs are cut and simulated, with a change and without one; the detector
-    gives each pair a score. Pairs of which it gives none are left out and listed.
+    Pairs are cut from each photograph and simulated, with a change and without one; the detector
+    gives each pair a score. Pairs to which it gives none are left out and listed.
 
     Parameters
     ----------
     detector
-        A function of reference, follow-up and the homography from follow-up to reference pixels
-        that returns a number, or a map of the follow-up's shape, higher where it is more changed,
-        given red, green and blue if it has an attribute ``colour = True`` and grey levels if not;
-        or ``module:function``, a command line with ``{reference}``, ``{followup}``,
-        ``{homography}`` and ``{out}``, an ONNX file, or the name of a built-in detector.
+        A function that takes a reference, a follow-up and the homography from follow-up to
+        reference pixels, and returns a number, or a map of the follow-up's shape: the higher, the
+        more has changed. If it has an attribute ``colour = True`` it is given red, green and blue,
+        otherwise grey levels; see `Detector`. Or a text: ``module:function``, a command line with
+        ``{reference}``, ``{followup}``, ``{homography}`` and ``{out}``, the path of an ONNX file,
+        or the name of a built-in detector.
     photographs
         Photographs of the scene, or folders of them.
     psf
@@ -169,32 +170,35 @@ def evaluate(
     task
         Poses, noise, changes and the number of pairs; the defaults of ``EvaluationTask`` if None.
     state
-        Folder for the scores, from which the same call goes on after an interruption.
+        Folder that keeps the scores, from which the same call resumes after an interruption.
     after, masks
-        Folders of photographs of later, taken from the same pose, and of masks of what changed,
-        of the photographs' names: real changes instead of the task's.
+        Real changes instead of the task's: a folder of later photographs from the same pose, and a
+        folder of masks of what changed, each file named like its photograph.
     transfer
-        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+        Which PSF of a calibration to use: ``measured``, ``gaussian``, or ``best``: the measured
+        one if the calibration has it, else the Gaussian.
     timeout_s
-        Longest time for one pair. It does not hold for a function that is given as such.
+        Longest time in s that the detector may take for one pair. There is no such limit for a
+        detector that is passed as a Python function.
     sweep
-        Who works, and on what part; when strict, the first pair without a score ends it.
+        Number of worker processes, and which part of the work to do, see `SweepOptions`; with
+        ``strict``, the first pair without a score ends the evaluation.
     reading
         How files are read; see ``standoff.reading``.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     EvaluatedDetector
-        ``evaluation``, and what became of the photographs.
+        ``evaluation``, and counts of the photographs.
 
     Raises
     ------
     ArgumentError
         If the detector cannot be understood, or one of ``after`` and ``masks`` is missing.
     ApplicationError, AnalysisError, CalibrationError
-        If the PSF cannot be read, no photograph can be used, or the detector gives nothing.
+        If the PSF cannot be read, no photograph can be used, or the detector gives no score.
 
     Examples
     --------
@@ -209,7 +213,7 @@ def evaluate(
     if known is None and task.model != "bicubic":
         raise ArgumentError(f"model {task.model} needs a PSF", argument="psf")
     if (after is None) != (masks is None):
-        raise ArgumentError("photographs of later need masks, and masks need them")
+        raise ArgumentError("give after and masks together, or neither of them")
     options = call.inputs.options
     later = None
     if after is not None and masks is not None:
@@ -307,12 +311,12 @@ def _bounds(
     window_px = 2 * ceil(task.change.reach_px / task.reference_zoom) + 1
     if window_px > _WIDEST_WINDOW_PX:
         call.announce(
-            f"no bound is given: of changes wider than {_WIDEST_WINDOW_PX // 12} px (sigma on the "
-            "reference) it takes too long"
+            f"no bound is given: for changes wider than {_WIDEST_WINDOW_PX // 12} px (sigma on the "
+            "reference) it would take too long"
         )
         return {}
     if is_colour:
-        call.announce("no bound is given: it is that of grey levels, and these pairs are in colour")
+        call.announce("no bound is given: it applies to grey levels, and these pairs are in colour")
         return {}
     least = nsmallest(MOST_SCENES, ((one.sha256, one.path) for one in scores()))
     wanted = {path for _, path in least}
@@ -353,7 +357,7 @@ def evaluation_figure_paths(out: Path) -> list[Path]:
 
 
 def evaluation_made_by(path: Path) -> str | None:
-    """Return what made an evaluation.json; None if there is none, or nobody knows."""
+    """Return what made an evaluation.json; None if there is no such file, or it is not known."""
     try:
         stored = read_evaluation(path).provenance if path.is_file() else None
     except ResultsFileError:
@@ -366,9 +370,10 @@ _SAME_NAME = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr", ".dng")
 
 @checked
 def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
-    """Return a picture as a change; where a PNG or TIFF has an alpha, it says what is covered.
+    """Return a picture as a change; the alpha channel of a PNG or TIFF says what it covers.
 
-    Levels are read as those of photographs; without an alpha all is covered.
+    Its levels are read like those of photographs. Without an alpha channel, the whole picture
+    covers the scene.
 
     Parameters
     ----------
@@ -385,7 +390,7 @@ def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
     Raises
     ------
     ApplicationError
-        If it cannot be used.
+        If the picture cannot be used as a change.
     ImageFileError
         If it cannot be read.
 

@@ -1,4 +1,4 @@
-"""The demo on real photographs: what changed between two, and what could have been missed."""
+"""The demo on two real photographs: what changed, and what could have been missed."""
 
 from dataclasses import dataclass, replace
 from math import hypot
@@ -55,7 +55,7 @@ class PaintedSpot:
     def text(self) -> str:
         """The spot in words."""
         state = "found" if self.is_found else "missed"
-        return f"{self.where} it is {state}, where {self.needed_dn:.2g} DN are needed"
+        return f"{self.where} it is {state} ({self.needed_dn:.2g} DN are needed there)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ class RealPair:
         as_they_are = count_text(len(self.unchanged.summary.changes))
         spots = "; ".join(spot.text for spot in self.spots)
         return (
-            f"two real photographs that nothing changed between: {as_they_are}; a spot of "
+            f"two real photographs between which nothing changed: {as_they_are}; a spot of "
             f"{_SPOT_DN:g} DN painted into the later one: {spots}"
         )
 
@@ -134,8 +134,8 @@ class RealPair:
         said = describe_limit(summary)
         limit = () if said is None else (f"{said[0].upper()}{said[1:]}.",)
         return (
-            "From the photographs as they are, without the painted spots: where no change is "
-            "listed, one below these amplitudes may still be there.",
+            "For the photographs without the painted spots: where no change is listed, there may "
+            "still be one with an amplitude below these.",
             *limit,
             *(f"Warning: {warning}." for warning in summary.warnings),
         )

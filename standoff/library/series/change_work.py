@@ -36,9 +36,10 @@ class ChangeWork(FollowupWork[ComparedPhotographs]):
     Parameters
     ----------
     psf, field
-        Of the camera, if they are known; the field is for whole frames of its size.
+        The camera's PSF and its field, if they are known; the field is for whole frames of its
+        size.
     rules, shape
-        Which PSF of a calibration it is, and how two photographs are compared.
+        How two photographs are compared, and which PSF of a calibration is used.
     names
         Names of the folders.
     """
@@ -53,7 +54,7 @@ class ChangeWork(FollowupWork[ComparedPhotographs]):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What is done, apart from the contents of psf.json, noise.json and the hints' files."""
+        """Settings of the work, without the contents of psf.json, noise.json and hint files."""
         options, hints = self.rules.options, self.rules.hints
         return {
             "command": "changes",

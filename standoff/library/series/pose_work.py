@@ -56,9 +56,9 @@ class PoseDemand:
     curve
         d' against zoom.
     min_d_prime, criterion
-        Threshold, and where d' must reach it.
+        Threshold of d', and in how much of the overlap d' must reach it.
     psf
-        Of the camera, for a finer registration.
+        The camera's PSF, for a finer registration.
     hints
         What the operator knows of the pose.
     """
@@ -72,10 +72,10 @@ class PoseDemand:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class JudgedPose(Shown, ByValue):
-    """A verdict on a pose, how well the photographs agreed on it, and what to check.
+    """A verdict on a pose, how well the photographs agreed on that pose, and what to check.
 
-    ``pose`` is what they were registered with; ``detection_limit`` what their comparison would have
-    found, where one was made.
+    ``pose`` is the result of the registration. ``detection_limit`` is what a comparison of the two
+    photographs would have found; None if no comparison was made.
     """
 
     quality: PoseQuality
@@ -100,7 +100,7 @@ class JudgedPose(Shown, ByValue):
 
     @property
     def decision(self) -> PoseDecision:
-        """Go, no go or unsure, with its probability and what decides it."""
+        """The verdict, go, no go or unsure, with its probability and what decides it."""
         return self.quality.decision
 
     @property
@@ -116,7 +116,7 @@ class JudgedPose(Shown, ByValue):
         )
 
     def to_json(self, picture: FilePath | None = None) -> dict[str, Any]:
-        """Return the verdict as ``standoff pose --json`` prints it."""
+        """Return the verdict as ``standoff pose --json`` prints it; ``picture`` names its map."""
         shown = None if picture is None else os.fspath(picture)
         return self.summary.model_copy(update={"picture": shown}).model_dump(mode="json")
 
@@ -158,15 +158,17 @@ def judge_pose(
     reference, followup
         The earlier, nearer photograph, and the one whose pose is judged: arrays or files.
     curve
-        d' against zoom: one of ``d_prime_curves``, or a curves.json.
+        Curves of ``d_prime_curves`` or one of them, or the path of a curves.json or an
+        evaluation.json.
     min_d_prime
-        The threshold; 2 is an AUC of 0.92.
+        Threshold of d'; 2 corresponds to an AUC of 0.92.
     choice
-        Which curve, if there are several.
+        Selects one curve, if there are several.
     criterion
-        d' reaches the threshold in all of the overlap (``min``) or in 95 % (``quantile``).
+        Where d' must reach the threshold: ``min``: everywhere in the overlap; ``quantile``: in all
+        but 5 % of it.
     psf
-        Of the camera, for a finer registration.
+        The camera's PSF, for a finer registration.
     hints
         What is known of the pose beforehand, as in ``find_changes``.
     focus_scatter_px2
@@ -176,22 +178,23 @@ def judge_pose(
     reading
         How files are read; see ``standoff.reading``.
     progress
-        Who watches.
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
 
     Returns
     -------
     JudgedPose
-        ``quality`` with the verdict and d' over the frame; ``decision`` says how sure it is;
-        ``summary`` describes the pose, and holds what a comparison of the two would have found.
+        ``quality`` holds the verdict and d' over the frame, ``decision`` how sure the verdict is,
+        and ``summary`` the figures, with the detection limit of the two photographs if they could
+        be compared.
 
     Raises
     ------
     ArgumentError
-        If several curves are meant, or the threshold is not positive.
+        If not exactly one curve is selected, or the threshold is not positive.
     AnalysisError, CalibrationError
-        If the two cannot be registered, or the pose not be judged.
+        If the two cannot be registered, or the pose cannot be judged.
     HintError
-        If a hint does not belong to them.
+        If a hint does not fit the photographs.
 
     Examples
     --------
@@ -244,9 +247,9 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Judged
     Raises
     ------
     AnalysisError, CalibrationError
-        If they cannot be registered, or the pose not be judged.
+        If they cannot be registered, or the pose cannot be judged.
     HintError
-        If a hint does not belong to them.
+        If a hint does not fit the photographs.
     """
     shapes = near.stored.shape[:2], far.stored.shape[:2]
     (near_rows, near_cols), (rows, cols) = shapes
@@ -295,7 +298,7 @@ class PoseWork(FollowupWork[JudgedPose]):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What is done, apart from the contents of curves.json and psf.json."""
+        """Settings of the work, without the contents of curves.json and psf.json."""
         return {
             "command": "pose",
             "min_dprime": self.demand.min_d_prime,
@@ -319,7 +322,7 @@ class PoseWork(FollowupWork[JudgedPose]):
             return judged_pose(near, photograph, self.demand)
 
     def write(self, photograph: Photograph, found: JudgedPose) -> Written:
-        """Return the verdict; there is nothing but the commit to write."""
+        """Return the verdict; a pose has no files of its own to write."""
         name, quality = on_one_line(photograph.path), found.quality
         notes = {f"warning {k}": f"{name}: {text}" for k, text in enumerate(found.warnings)}
         if quality.beyond_curve:

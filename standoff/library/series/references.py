@@ -1,4 +1,4 @@
-"""What follow-ups are compared with: one reference for all, or one of the same stem for each."""
+"""References of follow-ups: one for all, or for each follow-up one with the same file stem."""
 
 import os
 from dataclasses import dataclass
@@ -71,11 +71,11 @@ class OneReference(_PhotographReferences):
         return _same_photograph(self).shown_dn
 
     def name_for(self, followup: Path) -> None:
-        """Nothing: all share one."""
+        """Return None: all follow-ups share one reference."""
         return
 
     def state_for(self, followup: Path) -> str:
-        """Nothing: its hash is among what all share."""
+        """Return an empty text: the hash of the reference is among the shared settings."""
         return ""
 
 
@@ -87,13 +87,13 @@ def _same_photograph(reference: OneReference) -> Photograph:
         # It was read at the start: no follow-up is at fault.
         raise ApplicationError(str(error)) from error
     if photograph.sha256 != reference.sha256:
-        raise ApplicationError(f"{reference.name} is not the file that it was at the start")
+        raise ApplicationError(f"{reference.name} has changed since the start")
     return photograph
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceFolder(_PhotographReferences):
-    """A folder with a reference of the same stem for each follow-up."""
+    """A folder that holds, for each follow-up, a reference with the same file stem."""
 
     @classmethod
     def at(cls, folder: Path, reading: ReadOptions) -> Self:
@@ -111,26 +111,26 @@ class ReferenceFolder(_PhotographReferences):
         return on_one_line(self._partner(followup))
 
     def state_for(self, followup: Path) -> str:
-        """Say which file it is, and of what size and time."""
+        """Return the reference's file name, size and time of change, as text."""
         return SweepItem.on_disk(self._partner(followup)).state
 
     def _partner(self, followup: Path) -> Path:
         found = _single_by_stem(self.path).get(followup.stem)
         if found is None:
-            raise ImageFileError(f"{self.name}: the reference of {followup.name} is gone")
+            raise ImageFileError(f"{self.name}: the reference of {followup.name} has disappeared")
         return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PairedFolders:
-    """Follow-ups that have one reference of their stem, and the photographs that have none."""
+    """Follow-ups with exactly one reference of the same stem, and photographs without a partner."""
 
     followups: tuple[Path, ...]
     unpaired: tuple[str, ...]
 
 
 def pair_by_stem(references: Path, followups: Path) -> _PairedFolders:
-    """Pair the photographs of two folders; a stem that is twice in a folder pairs nothing.
+    """Pair the photographs of two folders by stem; a stem that a folder has twice pairs nothing.
 
     Raises
     ------
@@ -143,8 +143,8 @@ def pair_by_stem(references: Path, followups: Path) -> _PairedFolders:
     ]
     if not paired:
         raise ApplicationError(
-            f"no photograph in {on_one_line(followups)} has the name of one in "
-            f"{on_one_line(references)}; names must agree up to the suffix"
+            f"no photograph in {on_one_line(followups)} has the same name as one in "
+            f"{on_one_line(references)}; names must agree except for the suffix"
         )
     is_paired = frozenset(paired)
     others = (

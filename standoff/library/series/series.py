@@ -1,4 +1,4 @@
-"""Many follow-ups compared with one reference or one each, or their poses judged."""
+"""Comparison of many follow-ups with their references, and verdicts on their poses."""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -55,7 +55,7 @@ _ON_PAGE_MOST = 1000
 
 
 def holds_series(out: Path, table: str) -> bool:
-    """Whether a folder holds a series of the kind of ``table``, which a run goes on with."""
+    """Whether a folder holds a series with this table, which a run would continue."""
     others = {CHANGES_TABLE, POSES_TABLE} - {table}
     return (out / STATE_NAME).is_dir() and not any((out / other).exists() for other in others)
 
@@ -88,43 +88,46 @@ def find_changes_of_series(
     sweep: SweepOptions | None = None,
     **how: Unpack[ComparisonKeywords],
 ) -> SeriesResult[ChangesSeries, ComparedFollowup]:
-    """Compare follow-ups with their references; each gets a folder, all of them a table.
+    """Compare follow-ups with their references: a folder for each follow-up, one table for all.
 
-    Follow-ups of one reference get a time line, ``series.json``, and a page on all of them. The
-    same call resumes.
+    A report page shows all of them. Up to 500 follow-ups of one reference also get a time line,
+    ``series.json``. The same call resumes an interrupted run.
 
     Parameters
     ----------
     reference
-        The reference, or a folder of references, one for each follow-up of its stem.
+        The reference, or a folder that holds, for each follow-up, a reference with the same file
+        stem.
     followups
-        Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
+        Files and folders of follow-ups; if a folder contains the reference, it is left out there.
+        With a folder of references, exactly one folder.
     out
         Folder for the results.
     psf
         As in ``find_changes``.
     report
-        Where the page goes, besides the folder.
+        Path of a second copy of the report page, besides the one in ``out``.
     parquet
         Whether the table is also written as Parquet, which needs pyarrow.
     sweep
-        Who works, and on what part; by default this process, on all.
+        Number of worker processes, and which part of the work to do, see `SweepOptions`; by
+        default this process does all of it.
     how
         As in ``find_changes``.
 
     Returns
     -------
     SeriesResult
-        Its ``document`` has the counts; it is None after a part of the work.
+        ``document`` holds the counts; it is None until all parts of the work are done.
 
     Raises
     ------
     ApplicationError, CalibrationError
-        If reference or PSF cannot be read.
+        If a reference or the PSF cannot be read.
     ApplicationError, ResultsFileError
         If results cannot be written.
     SweepError
-        If no worker is fit, or, when strict, a follow-up is refused.
+        If no usable worker is available, or, with ``strict``, a follow-up cannot be used.
 
     Examples
     --------
@@ -204,14 +207,16 @@ def judge_poses(
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> SeriesResult[PoseSeries, JudgedFollowup]:
-    """Judge the poses of follow-ups; all get a table. The same call resumes.
+    """Judge the poses of follow-ups and write a table of the verdicts.
+
+    The same call resumes an interrupted run.
 
     Parameters
     ----------
     reference
         The earlier, nearer photograph.
     followups
-        Files and folders; of a folder the reference itself is left out.
+        Files and folders of follow-ups; if a folder contains the reference, it is left out there.
     out
         Folder for the results.
     curve, min_d_prime, choice, criterion, psf, hints, focus_scatter_px2
@@ -219,21 +224,22 @@ def judge_poses(
     parquet
         Whether the table is also written as Parquet, which needs pyarrow.
     sweep
-        Who works, and on what part; by default this process, on all.
+        Number of worker processes, and which part of the work to do, see `SweepOptions`; by
+        default this process does all of it.
     reading, progress
         As in ``judge_pose``.
 
     Returns
     -------
     SeriesResult
-        As of ``find_changes_of_series``, with a verdict for each follow-up.
+        As ``find_changes_of_series`` returns it, with a verdict for each follow-up.
 
     Raises
     ------
     ApplicationError, ResultsFileError
-        If the reference cannot be read, or results not be written.
+        If the reference cannot be read, or results cannot be written.
     SweepError
-        If no worker is fit, or, when strict, a follow-up is refused.
+        If no usable worker is available, or, with ``strict``, a follow-up cannot be used.
 
     Examples
     --------
@@ -304,7 +310,7 @@ def _write_pages(
         write_results(out / TIME_LINE_NAME, line)
     elif reference_dn is not None:
         call.note(
-            f"no time line of more than {_TIME_LINE_MOST} follow-ups; each has its changes.json"
+            f"no time line for more than {_TIME_LINE_MOST} follow-ups; each has its changes.json"
         )
     page = series_report(series, listed, line, reference_dn).html()
     write_file(out / PAGE_NAME, page.encode("utf-8"))
@@ -320,9 +326,7 @@ def _folder_of_pairs(references: Path, followups: tuple[Path, ...]) -> Path:
             "follow-ups; give that, or one photograph as the reference"
         )
     if followups[0].resolve() == references.resolve():
-        raise ApplicationError(
-            f"{references} is given as both folders: nothing is compared with itself"
-        )
+        raise ApplicationError(f"{references} is given as both folders: give two different ones")
     return references
 
 

@@ -360,4 +360,4 @@ def test_what_moved_has_dashed_rings_and_rows_but_no_number() -> None:
     page = Page(changes_report(found, views).html())
     assert "+2.0 ± 0.2" in page.text
     assert "-1.0 ± 0.4" in page.text
-    assert "1 change is listed apart" in page.text.replace("\n", " ")
+    assert "1 change is listed separately" in page.text.replace("\n", " ")

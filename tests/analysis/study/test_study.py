@@ -67,7 +67,7 @@ def test_focus_bounds_what_frames_can_do() -> None:
     assert found.needs.frames_per_capture is None
     # (.002^2 + .01^2) / (.005 / 1.96)^2 = 15.98
     assert found.needs.session_runs == 16
-    assert found.sentence.endswith("frames alone end at 2 %, which the focus leaves.")
+    assert found.sentence.endswith("more frames alone reach 2 % at best, because of the focus.")
 
 
 def test_photographs_are_the_cheapest_where_the_scene_is_what_is_not_known() -> None:

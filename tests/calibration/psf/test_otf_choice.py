@@ -77,7 +77,7 @@ def test_two_directions_give_an_upright_lens(lens: Lens, label: str) -> None:
     choice = known(_choose_otf(binned(lens, (4.0, 94.0))))
     assert choice.fit.form.label == label
     assert not choice.knows_turn
-    assert "2 directions do not tell how it is turned" in choice.reason
+    assert "2 directions do not show its orientation" in choice.reason
 
 
 def test_two_directions_that_are_not_of_the_axes_give_no_transfer() -> None:

@@ -268,7 +268,7 @@ def test_points_of_one_photograph_are_refused_for_several(
     )
     words = (*photographs, photographs[1], "--points", tmp_path / "p.csv")
     err = command.refused(2, "changes", *words, "--out", tmp_path / "out")
-    assert "points are of one follow-up" in err
+    assert "points are for a single follow-up" in err
 
 
 def test_a_follow_up_of_something_else_is_one_line(

@@ -49,7 +49,7 @@ def measured(command: Command, folder: Path, out: str, *more: object) -> Detecta
         *("--model", "matched", "--observer", "hotelling", "--out", folder / out, *more),
     )
     if "--focus-scatter" not in more:
-        assert "not in the intervals, as nothing is known of it: the focus" in done.out
+        assert "unknown, and so not included in the intervals: the focus" in done.out
     return read_curves(folder / out)
 
 
@@ -97,7 +97,7 @@ def test_what_is_known_of_the_camera_widens_intervals_and_makes_verdicts_unsure(
 def test_a_curve_of_before_does_not_pretend_to_know_the_focus(tmp_path: Path) -> None:
     path = tmp_path / "curves.json"
     write_results(path, DetectabilityCurves(curves=[curve()]))
-    with pytest.raises(ArgumentError, match="does not know what the focus does"):
+    with pytest.raises(ArgumentError, match="does not state how it depends on the focus"):
         standoff.pose_limits(
             path, 1.5, focal_length_px=900.0, image_size=(780, 580), focus_scatter_px2=0.1
         )

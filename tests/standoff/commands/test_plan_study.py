@@ -90,7 +90,7 @@ def test_a_real_bench_without_noise_json_goes_by_the_edges(
 ) -> None:
     (tmp_path / "b.toml").write_text(REAL)
     document = command.document("plan-study", *files)
-    assert any("contrast over noise is 100" in text for text in document["assumptions"])
+    assert any("the contrast-to-noise ratio is 100" in text for text in document["assumptions"])
     tilt = predicted(document, "tilt_limit_deg")
     assert tilt["err"] is None
     assert "region_px" in tilt["undetermined"]

@@ -373,7 +373,7 @@ def test_guesses_are_slowed_down_and_the_pages_are_told(
     early = guesser.get("/login", params={"token": TOKEN})
     assert (early.status_code, early.headers["retry-after"]) == (429, "1")  # even if it is right
     assert guesser.get("/login").status_code == 401  # the form is still shown
-    assert hub.notices[-1].text == "Somebody at 192.0.2.7 guesses the console's token."
+    assert hub.notices[-1].text == "Somebody at 192.0.2.7 is guessing the console's token."
     assert other.get("/login", params={"token": TOKEN}).status_code == 303
     clock.now_s += 1.0
     assert guesser.get("/login", params={"token": TOKEN}).status_code == 303

@@ -379,7 +379,7 @@ def test_a_reference_of_another_size_cannot_lie_over_the_picture(hub: BenchHub) 
     frame = np.zeros((48, 64), np.uint16)
     hub.frames.publish(Frame(image_dn=frame, frame_id=1, timestamp_ns=1), SETTINGS)
     assert state_document(hub)["pose"]["overlay"]["fault"] == (
-        "The reference has 320 × 240 pixels, the live picture 64 × 48: it cannot lie over it."
+        "The reference has 320 × 240 pixels, the live picture 64 × 48: it cannot be overlaid."
     )
 
 

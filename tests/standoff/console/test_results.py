@@ -262,7 +262,7 @@ def test_a_calibration_at_other_heights_says_nothing_of_the_lens(session_dir: Pa
     write_psf(higher, "2026-01-09T00:00:00.000000Z", heights_mm=[300.0])
     jobs = ResultJobs(folder, run=Commands(changed | {"verdict": "the PSF has changed: sigma_x"}))
     said = computed(jobs, session_dir, kind="compare")
-    assert "calibrated at 300 mm and this at 200 to 240 mm" in said
+    assert "calibration was at 300 mm and this one at 200 to 240 mm" in said
     assert "lens has moved" not in said
     assert not jobs.view.is_alarming
     # An older one at the same heights, to a per cent, does.

@@ -15,7 +15,7 @@ function ask(exposureUs, nowUs) {
   waiting = exposureUs;
   show(ASKED, exposureUs !== null);
   if (exposureUs === null) return;
-  setText("ask-exposure-text", `Each picture will take ${inSeconds(exposureUs)}, and nothing moves in the picture meanwhile.`);
+  setText("ask-exposure-text", `Each picture will take ${inSeconds(exposureUs)}, and the picture does not change meanwhile.`);
   setText("expose-long", `Expose ${inSeconds(exposureUs)}`);
   setText("keep-exposure", `Keep ${inWords(nowUs)}`);
 }
@@ -46,7 +46,7 @@ connection.addEventListener("state", ({ detail: { camera, run, job, control, exp
   show("exposing", Boolean(exposing));
   if (!exposing) return;
   const left = `${exposing.left} s left of ${exposing.seconds} s`;
-  setText("exposing-text", exposing.is_dropped ? `The camera cannot break its exposure off: ${left}, then that picture is dropped.` : `Exposing: ${left}.${job ? ` STOP ends it with ${job.name}.` : ""}`);
+  setText("exposing-text", exposing.is_dropped ? `The camera cannot abort its exposure: ${left}, then that picture is dropped.` : `Exposing: ${left}.${job ? ` STOP ends it with ${job.name}.` : ""}`);
   byId("exposing-progress").max = exposing.seconds;
   byId("exposing-progress").value = exposing.seconds - exposing.left;
   show("break-off", !exposing.is_dropped && !job);

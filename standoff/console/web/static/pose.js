@@ -75,7 +75,7 @@ async function send(sent) {
     tell(`${sent.name} was not sent: it cannot be read, or the console is not responding.`);
     return;
   }
-  const { file: kept, text } = await answer.json().catch(() => ({ text: `${sent.name} was not taken: ask again.` }));
+  const { file: kept, text } = await answer.json().catch(() => ({ text: `${sent.name} was not accepted: try again.` }));
   if (kept) choose({ file: kept });
   else tell(text);
 }

@@ -204,7 +204,7 @@ def test_a_reference_of_another_size_is_refused_in_words_and_lies_nowhere(live: 
     choose(live, even_dn(BEFORE, 45, 60))
     live.page.wait_for_selector("#overlay-fault:visible")
     assert text(live.page, "#overlay-fault") == (
-        "The reference has 60 × 45 pixels, the live picture 120 × 90: it cannot lie over it."
+        "The reference has 60 × 45 pixels, the live picture 120 × 90: it cannot be overlaid."
     )
     wait_seen(live, nearly(LIVE), "the live picture alone")
     assert live.page.is_hidden("#reference-label")
