@@ -98,7 +98,7 @@ def test_another_room_is_entered_by_its_front_door() -> None:
 
 
 def other_entries(path: Path) -> Iterator[str]:
-    """Imports from a module of another room."""
+    """Imports from a module of another room; rooms within a room may, if its name is public."""
     own = room_of(dotted(path))
     for node in ast.walk(parsed(path)):
         if not isinstance(node, ast.ImportFrom) or node.module is None:
@@ -108,7 +108,8 @@ def other_entries(path: Path) -> Iterator[str]:
         room = room_of(node.module)
         at_home = own == room or own.startswith(f"{room}.")
         at_the_top = "." not in room
-        if not (at_home or at_the_top or node.module == room):
+        is_private = node.module.rpartition(".")[2].startswith("_")
+        if (is_private and own != room) or not (at_home or at_the_top or node.module == room):
             yield f"{dotted(path)}, line {node.lineno}: {node.module}"
 
 

@@ -1,8 +1,8 @@
-from .quality import (
+from ._quality import (
     QualityFinding as QualityFinding,
     check_capture as check_capture,
 )
-from .runner import (
+from ._runner import (
     CaptureProgress as CaptureProgress,
     Placement as Placement,
     PlanPreview as PlanPreview,
@@ -12,7 +12,7 @@ from .runner import (
     flicker_warnings as flicker_warnings,
     run_plan as run_plan,
 )
-from .step import (
+from ._step import (
     EXPOSURE_AIM as EXPOSURE_AIM,
     SHORTEST_EXPOSURE_US as SHORTEST_EXPOSURE_US,
     CaptureStep as CaptureStep,

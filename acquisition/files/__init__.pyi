@@ -1,10 +1,10 @@
-from .documents import (
+from ._documents import (
     InputFile as InputFile,
     Provenance as Provenance,
     StoredModel as StoredModel,
     utc_now as utc_now,
 )
-from .names import (
+from ._names import (
     FIGURES as FIGURES,
     FLOAT_IMAGES as FLOAT_IMAGES,
     PAGES as PAGES,
@@ -13,7 +13,7 @@ from .names import (
     require_place as require_place,
     require_reachable as require_reachable,
 )
-from .writing import (
+from ._writing import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     is_there as is_there,
     make_folder as make_folder,

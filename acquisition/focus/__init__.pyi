@@ -1,4 +1,4 @@
-from .live import (
+from ._live import (
     FocusMeter as FocusMeter,
     FocusOptions as FocusOptions,
     FocusPoint as FocusPoint,
@@ -7,7 +7,7 @@ from .live import (
     focus_values as focus_values,
     newest_frames as newest_frames,
 )
-from .measures import (
+from ._measures import (
     FOCUS_MEASURES as FOCUS_MEASURES,
     Region as Region,
     focus_value as focus_value,
@@ -15,7 +15,7 @@ from .measures import (
     shows_nothing as shows_nothing,
     texture_share as texture_share,
 )
-from .sweep import (
+from ._sweep import (
     UNKNOWN_PUPIL as UNKNOWN_PUPIL,
     FocusPeak as FocusPeak,
     FocusSweep as FocusSweep,

@@ -1,5 +1,5 @@
-from .decoding import LARGEST_IMAGE_PX as LARGEST_IMAGE_PX, read_file as read_file
-from .encoding import (
+from ._decoding import LARGEST_IMAGE_PX as LARGEST_IMAGE_PX, read_file as read_file
+from ._encoding import (
     LINEAR as LINEAR,
     REC601_LUMA as REC601_LUMA,
     Encoding as Encoding,
@@ -8,18 +8,18 @@ from .encoding import (
     on_screen as on_screen,
     white_level_dn as white_level_dn,
 )
-from .photograph import (
+from ._photograph import (
     BenchCapture as BenchCapture,
     FileSteps as FileSteps,
     Photograph as Photograph,
 )
-from .raster import (
+from ._raster import (
     marked_png as marked_png,
     tiff_bytes as tiff_bytes,
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
 )
-from .reader import (
+from ._reader import (
     IMAGE_SUFFIXES as IMAGE_SUFFIXES,
     Inputs as Inputs,
     ReadOptions as ReadOptions,
@@ -31,4 +31,4 @@ from .reader import (
     read_photograph as read_photograph,
     taken_as as taken_as,
 )
-from .stored_image import PhotographFacts as PhotographFacts, shared_facts as shared_facts
+from ._stored_image import PhotographFacts as PhotographFacts, shared_facts as shared_facts

@@ -1,10 +1,10 @@
-from .capture_files import (
+from ._capture_files import (
     CaptureImages as CaptureImages,
     file_sha256 as file_sha256,
     parse_capture as parse_capture,
     read_capture as read_capture,
 )
-from .files import (
+from ._files import (
     JOURNAL_NAME as JOURNAL_NAME,
     MANIFEST_NAME as MANIFEST_NAME,
     PART_SUFFIX as PART_SUFFIX,
@@ -16,19 +16,19 @@ from .files import (
     whole_file as whole_file,
     write_shared as write_shared,
 )
-from .journal import (
+from ._journal import (
     SYSTEM_STAMPS as SYSTEM_STAMPS,
     EventKind as EventKind,
     JournalEvent as JournalEvent,
     Stamps as Stamps,
 )
-from .reader import (
+from ._reader import (
     Session as Session,
     SessionCapture as SessionCapture,
     VerifyReport as VerifyReport,
     verify as verify,
 )
-from .record import (
+from ._record import (
     CaptureRecord as CaptureRecord,
     Manifest as Manifest,
     Photograph as Photograph,
@@ -37,11 +37,11 @@ from .record import (
     stage_snapshot as stage_snapshot,
     utc_text as utc_text,
 )
-from .repair import (
+from ._repair import (
     RepairReport as RepairReport,
     repair_session as repair_session,
 )
-from .writer import (
+from ._writer import (
     SPARE_BYTES as SPARE_BYTES,
     SessionNotes as SessionNotes,
     SessionWriter as SessionWriter,

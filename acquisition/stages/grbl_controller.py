@@ -13,6 +13,7 @@ from acquisition.errors import (
     DeviceTimeoutError,
     StageAlarmError,
 )
+from acquisition.stages._serial_link import SerialLink
 from acquisition.stages.grbl_wire import (
     ERRORS,
     FULL_STATUS_QUERY,
@@ -34,7 +35,6 @@ from acquisition.stages.grbl_wire import (
     parse_line,
     passed_over,
 )
-from acquisition.stages.serial_link import SerialLink
 
 _SETS_ORIGIN = "Z"
 """Letter in ``[OPT:...]``: homing sets the position to 0 where it ends, not at the switch."""

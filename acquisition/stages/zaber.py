@@ -27,7 +27,7 @@ from acquisition.errors import (
     StageLimitError,
     StageNotHomedError,
 )
-from acquisition.stages.motor import (
+from acquisition.stages._motor import (
     POLL_S,
     AxisReading,
     AxisTraits,
@@ -35,7 +35,7 @@ from acquisition.stages.motor import (
     ProgressWatch,
     smallest_progress_mm,
 )
-from acquisition.stages.serial_link import SerialLink, open_stage_link
+from acquisition.stages._serial_link import SerialLink, open_stage_link
 
 _MESSAGE_IDS = 100
 """Ids run from 0 to 99."""

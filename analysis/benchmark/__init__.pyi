@@ -1,6 +1,11 @@
-from .data_set import MANIFEST_NAME as MANIFEST_NAME, BenchmarkData as BenchmarkData, Track as Track
-from .plot import score_figure as score_figure
-from .program_files import ProgramFiles as ProgramFiles
+from ._data_set import (
+    MANIFEST_NAME as MANIFEST_NAME,
+    BenchmarkData as BenchmarkData,
+    Track as Track,
+)
+from ._plot import score_figure as score_figure
+from ._program_files import ProgramFiles as ProgramFiles
+from ._tracks import scored as scored
 from .scores import (
     MEASURES as MEASURES,
     TITLES as TITLES,
@@ -20,4 +25,3 @@ from .tables import (
     score_tables as score_tables,
     track_tables as track_tables,
 )
-from .tracks import scored as scored

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import Field
 
 from acquisition.dataframe import dataframe
-from analysis.benchmark.data_set import TRACKS, Track
+from analysis.benchmark._data_set import TRACKS, Track
 from analysis.errors import ResultsFileError
 from analysis.evaluation.roc import share_interval
 from analysis.results_file import ResultsDocument, StoredValues

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.benchmark.data_set import Track
+from analysis.benchmark._data_set import Track
 from analysis.benchmark.scores import TITLES, BenchmarkScores, Measure, Score
 
 LEGEND = "In brackets 95 % intervals over scenes; [n]: of the n tasks that were answered"

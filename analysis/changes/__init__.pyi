@@ -1,5 +1,5 @@
-from .colour import PairColours as PairColours
-from .document import (
+from ._colour import PairColours as PairColours
+from ._document import (
     Change as Change,
     ChangeSummary as ChangeSummary,
     change_table as change_table,
@@ -10,22 +10,22 @@ from .document import (
     describe_prediction as describe_prediction,
     read_changes as read_changes,
 )
-from .filter import ChangeResult as ChangeResult, changes_between as changes_between
-from .matching import smoothing_for as smoothing_for
-from .photograph_pair import (
+from ._filter import ChangeResult as ChangeResult, changes_between as changes_between
+from ._photograph_pair import (
     ChangeCriteria as ChangeCriteria,
     ChangeOptions as ChangeOptions,
     CodedAlike as CodedAlike,
 )
-from .plot import changes_figure as changes_figure
-from .prediction import (
+from ._plot import changes_figure as changes_figure
+from ._prediction import (
     ExpectedFilters as ExpectedFilters,
     LimitCurve as LimitCurve,
     unexplained as unexplained,
 )
-from .significance import (
+from ._significance import (
     FilterWidth as FilterWidth,
     detection_power as detection_power,
     height_for as height_for,
     significance_threshold as significance_threshold,
 )
+from .matching import smoothing_for as smoothing_for

@@ -1,18 +1,18 @@
-from .artefact import (
+from ._artefact import (
     ArtefactTiles as ArtefactTiles,
     WindowCovariance as WindowCovariance,
     auc_of as auc_of,
     d_prime_of_auc as d_prime_of_auc,
     observer_templates as observer_templates,
 )
-from .compared import (
+from ._compared import (
     ComparedChange as ComparedChange,
     compared_change as compared_change,
     comparison_d_prime as comparison_d_prime,
     expected_limits as expected_limits,
     scene_residual as scene_residual,
 )
-from .curves import (
+from ._curves import (
     SOURCE_WORDS as SOURCE_WORDS,
     STATED as STATED,
     AmbiguousCurveError as AmbiguousCurveError,
@@ -27,7 +27,7 @@ from .curves import (
     focus_spread as focus_spread,
     read_curves as read_curves,
 )
-from .dprime import (
+from ._dprime import (
     MOST_SCENES as MOST_SCENES,
     DPrimeSlopes as DPrimeSlopes,
     capture_response as capture_response,
@@ -37,12 +37,12 @@ from .dprime import (
     scene_artefact as scene_artefact,
     student_factor as student_factor,
 )
-from .plot import (
+from ._plot import (
     MODEL_COLOURS as MODEL_COLOURS,
     curves_figure as curves_figure,
     draw_curve as draw_curve,
 )
-from .scenario import (
+from ._scenario import (
     ChangeSignal as ChangeSignal,
     GaussianSignal as GaussianSignal,
     LocalChange as LocalChange,
@@ -51,7 +51,7 @@ from .scenario import (
     compared_pair as compared_pair,
     local_changes as local_changes,
 )
-from .sweep import (
+from ._sweep import (
     ArtefactSums as ArtefactSums,
     ArtefactWork as ArtefactWork,
     MeasuredPhotograph as MeasuredPhotograph,
@@ -61,7 +61,7 @@ from .sweep import (
     scene_sums as scene_sums,
     tiles_per_side as tiles_per_side,
 )
-from .task import (
+from ._task import (
     DetectionTask as DetectionTask,
     curves_of as curves_of,
     curves_of_images as curves_of_images,

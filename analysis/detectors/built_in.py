@@ -13,8 +13,8 @@ from scipy.stats import chi2
 from skimage.metrics import structural_similarity
 
 from analysis.changes import ChangeOptions, changes_between
+from analysis.detectors._spec import Detector
 from analysis.detectors.answers import FollowupView, followup_view, in_light_of
-from analysis.detectors.spec import Detector
 from analysis.errors import AnalysisError
 from calibration.registration import DistortedPose
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray

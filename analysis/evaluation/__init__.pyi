@@ -1,4 +1,4 @@
-from .document import (
+from ._document import (
     FPR as FPR,
     Evaluation as Evaluation,
     EvaluationCurve as EvaluationCurve,
@@ -12,8 +12,9 @@ from .document import (
     read_evaluation as read_evaluation,
     scores_of as scores_of,
 )
+from ._plot import auc_figure as auc_figure, roc_figure as roc_figure
+from ._work import EvaluationWork as EvaluationWork
 from .pairs import ChangePair as ChangePair, PairMaker as PairMaker, refocused as refocused
-from .plot import auc_figure as auc_figure, roc_figure as roc_figure
 from .task import (
     Condition as Condition,
     EvaluationTask as EvaluationTask,
@@ -22,4 +23,3 @@ from .task import (
     Patch as Patch,
     Spot as Spot,
 )
-from .work import EvaluationWork as EvaluationWork

@@ -1,12 +1,12 @@
-from .limits import (
+from ._limits import (
     FollowupPose as FollowupPose,
     PoseLimits as PoseLimits,
     ViewingCamera as ViewingCamera,
     contrast_found_at as contrast_found_at,
     limits_of_curve as limits_of_curve,
 )
-from .plot import limits_figure as limits_figure, pose_figure as pose_figure
-from .quality import (
+from ._plot import limits_figure as limits_figure, pose_figure as pose_figure
+from ._quality import (
     CONFIDENCE as CONFIDENCE,
     QUANTILE as QUANTILE,
     JudgedFollowup as JudgedFollowup,
@@ -22,7 +22,7 @@ from .quality import (
     read_pose_series as read_pose_series,
     verdict_of as verdict_of,
 )
-from .tracker import (
+from ._tracker import (
     PoseTracker as PoseTracker,
     PoseVerdict as PoseVerdict,
     StreamSummary as StreamSummary,

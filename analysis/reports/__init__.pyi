@@ -1,18 +1,18 @@
-from .bench import (
+from ._bench import (
     captures_section as captures_section,
     noise_section as noise_section,
     plot_focus_sweep as plot_focus_sweep,
     stage_section as stage_section,
     versions as versions,
 )
-from .change_pictures import (
+from ._change_pictures import (
     ColourPair as ColourPair,
     compared_pictures as compared_pictures,
     limit_figure as limit_figure,
     view_figures as view_figures,
 )
-from .change_series import series_report as series_report
-from .changes import (
+from ._change_series import series_report as series_report
+from ._changes import (
     changes_report as changes_report,
     changes_section as changes_section,
     count_text as count_text,
@@ -21,7 +21,7 @@ from .changes import (
     stored_changes_section as stored_changes_section,
     stored_pose_section as stored_pose_section,
 )
-from .evaluation import (
+from ._evaluation import (
     benchmark_report as benchmark_report,
     evaluation_figures as evaluation_figures,
     evaluation_report as evaluation_report,
@@ -30,9 +30,12 @@ from .evaluation import (
     plot_limits as plot_limits,
     plot_pose as plot_pose,
 )
-from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
-from .noise import noise_report as noise_report
-from .page import (
+from ._geometry import (
+    geometry_sections as geometry_sections,
+    geometry_verdicts as geometry_verdicts,
+)
+from ._noise import noise_report as noise_report
+from ._page import (
     Report as Report,
     ReportSection as ReportSection,
     in_report_style as in_report_style,
@@ -42,31 +45,31 @@ from .page import (
     views_script as views_script,
     write_figure as write_figure,
 )
-from .psf import (
+from ._psf import (
     calibration_front as calibration_front,
     calibration_sections as calibration_sections,
     calibration_verdicts as calibration_verdicts,
     verdict_section as verdict_section,
 )
-from .psf_edges import edge_csv as edge_csv, edge_table_section as edge_table_section
-from .psf_history import (
+from ._psf_edges import edge_csv as edge_csv, edge_table_section as edge_table_section
+from ._psf_history import (
     HistoryEntry as HistoryEntry,
     history_document as history_document,
     history_sections as history_sections,
     ordered_history as ordered_history,
     plot_history as plot_history,
 )
-from .psf_remarks import psf_remarks as psf_remarks
-from .session import (
+from ._session import (
     SessionNotes as SessionNotes,
     calibration_report as calibration_report,
     geometry_report as geometry_report,
     history_report as history_report,
     session_report as session_report,
 )
-from .validation import (
+from ._validation import (
     plot_curves as plot_curves,
     plot_furthest as plot_furthest,
     plot_images as plot_images,
     validation_report as validation_report,
 )
+from .psf_remarks import psf_remarks as psf_remarks

@@ -1,11 +1,11 @@
-from .dataset import (
+from ._dataset import (
     DATASET_NAME as DATASET_NAME,
     DatasetCall as DatasetCall,
     SrDatasetSummary as SrDatasetSummary,
     pair_files_in as pair_files_in,
     write_sr_dataset as write_sr_dataset,
 )
-from .pairs import (
+from ._pairs import (
     SPLITS as SPLITS,
     PairPhotograph as PairPhotograph,
     Split as Split,

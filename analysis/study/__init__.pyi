@@ -1,10 +1,10 @@
-from .change_errors import (
+from ._change_errors import (
     BUILT_IN as BUILT_IN,
     STUDIED_ZOOM as STUDIED_ZOOM,
     StudiedScene as StudiedScene,
     built_in_scenes as built_in_scenes,
 )
-from .document import (
+from ._document import (
     NAMES as NAMES,
     STUDY_SCHEMA as STUDY_SCHEMA,
     BudgetShare as BudgetShare,
@@ -14,7 +14,7 @@ from .document import (
     StudyNeeds as StudyNeeds,
     read_study as read_study,
 )
-from .edges import (
+from ._edges import (
     EdgeLevels as EdgeLevels,
     EdgeSession as EdgeSession,
     KnownTransfer as KnownTransfer,
@@ -28,13 +28,13 @@ from .edges import (
     white_noise_sigma_err_px as white_noise_sigma_err_px,
     width_errors as width_errors,
 )
-from .pupil_errors import (
+from ._pupil_errors import (
     BoardCapture as BoardCapture,
     BoardSession as BoardSession,
     PupilErrors as PupilErrors,
     pupil_errors as pupil_errors,
 )
-from .study import (
+from ._study import (
     QUANTITIES as QUANTITIES,
     UNITS as UNITS,
     PlanSize as PlanSize,

@@ -1,11 +1,11 @@
-from .engine import (
+from ._engine import (
     SweepCall as SweepCall,
     SweepOptions as SweepOptions,
     SweepSummary as SweepSummary,
     announced_sweep as announced_sweep,
     run_sweep as run_sweep,
 )
-from .items import (
+from ._items import (
     Manifest as Manifest,
     SweepItem as SweepItem,
     batch_number as batch_number,
@@ -13,8 +13,8 @@ from .items import (
     is_few as is_few,
     sorted_lines as sorted_lines,
 )
-from .records import Answer as Answer, Records as Records, merge_notes as merge_notes
-from .work import (
+from ._records import Answer as Answer, Records as Records, merge_notes as merge_notes
+from ._work import (
     Batch as Batch,
     Commit as Commit,
     Record as Record,

@@ -20,7 +20,7 @@ from distributed.scheduler import NoWorkerError
 
 from acquisition.remote_files import is_own_memory, is_url
 from analysis.errors import SweepError
-from analysis.sweep.work import Batch, SweepWork, Written
+from analysis.sweep._work import Batch, SweepWork, Written
 
 _CONNECT_S = 10
 _THREADS_ASKED_EVERY_S = 2.0
@@ -320,7 +320,7 @@ def _batch_task() -> Callable[[dict[str, Any], bytes], tuple[str, Any]]:
                 seen_bytes = -1
             if seen_bytes != size_bytes:
                 return "unseen", (path, size_bytes, worker)
-        from analysis.sweep.work import do_batch as do_batch_here
+        from analysis.sweep._work import do_batch as do_batch_here
         from analysis.sweep.worker_process import prepare_process
 
         prepare_process()

@@ -1,4 +1,4 @@
-from .document import (
+from ._document import (
     METRICS as METRICS,
     TABLE_NOTES as TABLE_NOTES,
     ResultTable as ResultTable,
@@ -8,14 +8,14 @@ from .document import (
     curves_csv as curves_csv,
     read_validation as read_validation,
 )
-from .kernels import (
+from ._kernels import (
     KernelBook as KernelBook,
     KernelCache as KernelCache,
     default_cache_folder as default_cache_folder,
     is_learned as is_learned,
     trainings_needed as trainings_needed,
 )
-from .metrics import (
+from ._metrics import (
     FULL_SCALE_DN as FULL_SCALE_DN,
     ImageMetrics as ImageMetrics,
     Procedure as Procedure,
@@ -23,12 +23,12 @@ from .metrics import (
     process_for_comparison as process_for_comparison,
     scaled_up as scaled_up,
 )
-from .screening import (
+from ._screening import (
     NothingToCompareError as NothingToCompareError,
     registrations_at_most as registrations_at_most,
     screen as screen,
 )
-from .session import (
+from ._session import (
     ShownPair as ShownPair,
     ValidationSettings as ValidationSettings,
     drawn_procedure as drawn_procedure,

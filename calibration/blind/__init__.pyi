@@ -1,4 +1,4 @@
-from .calibration import (
+from ._calibration import (
     FORM_ERR as FORM_ERR,
     SCENE_ERR as SCENE_ERR,
     calibrate_from_distances as calibrate_from_distances,

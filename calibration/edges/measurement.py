@@ -22,8 +22,8 @@ from pydantic import Field, model_validator
 
 from acquisition.files import StoredModel
 from calibration.choices import TargetChoice
-from calibration.edges.detection import beside_target, find_edges
-from calibration.edges.esfr import (
+from calibration.edges._detection import beside_target, find_edges
+from calibration.edges._esfr import (
     WIDEST_GAP_PX,
     EdgeSfr,
     esfr_half_width_px,
@@ -34,9 +34,9 @@ from calibration.edges.esfr import (
     pixel_mtf50,
     widest_gap_px,
 )
-from calibration.edges.fit import CLIPPED_FRACTION, EdgeFit, JpegCompression, fit_edge
-from calibration.edges.image import EdgeImage, Region, in_sensor_pixels
-from calibration.edges.samples import (
+from calibration.edges._fit import CLIPPED_FRACTION, EdgeFit, JpegCompression, fit_edge
+from calibration.edges._image import EdgeImage, Region, in_sensor_pixels
+from calibration.edges._samples import (
     BinnedEdge,
     EdgeSamples,
     bin_edge,
@@ -46,7 +46,7 @@ from calibration.edges.samples import (
     share_within,
     without_shading,
 )
-from calibration.edges.segments import EdgeSegment, Orientation, band_half_width, orientation_of
+from calibration.edges._segments import EdgeSegment, Orientation, band_half_width, orientation_of
 from calibration.robust import robust_sigma
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue

@@ -1,4 +1,4 @@
-from .board import (
+from ._board import (
     DEFAULT_BOARD as DEFAULT_BOARD,
     CharucoBoard as CharucoBoard,
     Levelling as Levelling,
@@ -6,21 +6,21 @@ from .board import (
     level_by_board as level_by_board,
     level_by_focus as level_by_focus,
 )
-from .bundle_adjustment import (
+from ._bundle_adjustment import (
     LENS_SIZE as LENS_SIZE,
     SHARED_SIZE as SHARED_SIZE,
     GeometryCapture as GeometryCapture,
     LensPrior as LensPrior,
     PlaneLens as PlaneLens,
 )
-from .calibration import (
+from ._calibration import (
     GeometryOptions as GeometryOptions,
     geometry_captures as geometry_captures,
     geometry_of_captures as geometry_of_captures,
     geometry_records as geometry_records,
     nominal_focal_px as nominal_focal_px,
 )
-from .document import (
+from ._document import (
     CaptureGeometry as CaptureGeometry,
     ExcludedCapture as ExcludedCapture,
     GeometryCalibration as GeometryCalibration,

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from calibration.geometry.bundle_adjustment import (
+from calibration.geometry._bundle_adjustment import (
     LENS_SIZE,
     Adjustment,
     CapturePose,
@@ -26,8 +26,8 @@ from calibration.geometry.bundle_adjustment import (
     equations,
     jackknife,
 )
-from calibration.geometry.document import CrossValidation, HeldOut, PlaneSag
-from calibration.geometry.pupil import HEIGHT_FLOOR_MM, PupilFit, SeriesDistances
+from calibration.geometry._document import CrossValidation, HeldOut, PlaneSag
+from calibration.geometry._pupil import HEIGHT_FLOOR_MM, PupilFit, SeriesDistances
 from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _SURE_P = 1e-3

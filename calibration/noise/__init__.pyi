@@ -1,4 +1,4 @@
-from .document import (
+from ._document import (
     CorrectionMaps as CorrectionMaps,
     MapFile as MapFile,
     NoiseCalibration as NoiseCalibration,
@@ -6,7 +6,7 @@ from .document import (
     read_map_files as read_map_files,
     write_map_files as write_map_files,
 )
-from .measurement import (
+from ._measurement import (
     FrameGroup as FrameGroup,
     NoiseCaptures as NoiseCaptures,
     NoiseKind as NoiseKind,
@@ -14,7 +14,7 @@ from .measurement import (
     noise_captures as noise_captures,
     noise_of_captures as noise_of_captures,
 )
-from .photon_transfer import (
+from ._photon_transfer import (
     LevelNoise as LevelNoise,
     LevelSample as LevelSample,
     Linearity as Linearity,

@@ -1,4 +1,4 @@
-from .calibration import (
+from ._calibration import (
     calibrate_mosaic as calibrate_mosaic,
     capture_images as capture_images,
     edge_images as edge_images,
@@ -7,15 +7,15 @@ from .calibration import (
     psf_of_images as psf_of_images,
     scene_records as scene_records,
 )
-from .comparison import (
+from ._comparison import (
     PsfChange as PsfChange,
     focus_repeatability as focus_repeatability,
     focus_scatter_px2 as focus_scatter_px2,
     psf_change as psf_change,
     psf_steps as psf_steps,
 )
-from .consistency import HeightGroup as HeightGroup, HeightTrend as HeightTrend
-from .covariance import (
+from ._consistency import HeightGroup as HeightGroup, HeightTrend as HeightTrend
+from ._covariance import (
     USUAL_RHO as USUAL_RHO,
     Estimate as Estimate,
     PsfEstimates as PsfEstimates,
@@ -23,23 +23,23 @@ from .covariance import (
     fit_covariance as fit_covariance,
     share_of_correlation as share_of_correlation,
 )
-from .document import (
+from ._document import (
     CameraIdentity as CameraIdentity,
     ColourPsf as ColourPsf,
     PairWidths as PairWidths,
     PsfCalibration as PsfCalibration,
     PsfOrigin as PsfOrigin,
 )
-from .field import FEWEST_FIELD_EDGES as FEWEST_FIELD_EDGES, FieldFit as FieldFit
-from .plot import (
+from ._field import FEWEST_FIELD_EDGES as FEWEST_FIELD_EDGES, FieldFit as FieldFit
+from ._plot import (
     ORIENTATION_COLOURS as ORIENTATION_COLOURS,
     draw_mtf as draw_mtf,
     draw_transfer_2d as draw_transfer_2d,
     draw_widths_by_angle as draw_widths_by_angle,
 )
-from .repeatability import capture_of as capture_of
-from .softness import measure_softness as measure_softness
-from .transfer_2d import (
+from ._repeatability import capture_of as capture_of
+from ._softness import measure_softness as measure_softness
+from ._transfer_2d import (
     OtfTable as OtfTable,
     Transfer2d as Transfer2d,
     measure_transfer_2d as measure_transfer_2d,

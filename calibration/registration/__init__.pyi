@@ -1,13 +1,13 @@
-from .agreement import (
+from ._agreement import (
     Agreement as Agreement,
     AlignedPhotograph as AlignedPhotograph,
     block_votes as block_votes,
 )
-from .candidates import OVERLAP_MIN_PX as OVERLAP_MIN_PX
-from .descent import zoom_at_centre as zoom_at_centre
-from .distorted_pose import DistortedPose as DistortedPose, FeatureMatches as FeatureMatches
-from .document import Homography as Homography
-from .features import (
+from ._candidates import OVERLAP_MIN_PX as OVERLAP_MIN_PX
+from ._descent import zoom_at_centre as zoom_at_centre
+from ._distorted_pose import DistortedPose as DistortedPose, FeatureMatches as FeatureMatches
+from ._document import Homography as Homography
+from ._features import (
     ImageFeatures as ImageFeatures,
     RegistrationHints as RegistrationHints,
     find_features as find_features,
@@ -16,10 +16,10 @@ from .features import (
     match_features as match_features,
     parse_points as parse_points,
 )
-from .pair import (
+from ._pair import (
     Registration as Registration,
     RegistrationReference as RegistrationReference,
     register_images as register_images,
 )
-from .refinement import RefinedPose as RefinedPose
-from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
+from ._refinement import RefinedPose as RefinedPose
+from ._tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference

@@ -1,11 +1,11 @@
-from .resolution import (
+from ._resolution import (
     NORMAL_95 as NORMAL_95,
     lp_per_mm as lp_per_mm,
     lw_per_ph as lw_per_ph,
     reported_mtf50 as reported_mtf50,
     with_sharpness as with_sharpness,
 )
-from .verdict import (
+from ._verdict import (
     MODEL_REMARK as MODEL_REMARK,
     VERDICT_COLUMNS as VERDICT_COLUMNS,
     Direction as Direction,

@@ -1,4 +1,4 @@
-from .documents import (
+from ._documents import (
     FORMAT as FORMAT,
     TRACKS as TRACKS,
     VERSION as VERSION,
@@ -7,4 +7,4 @@ from .documents import (
     document_bytes as document_bytes,
     track_documents as track_documents,
 )
-from .tasks import SIZES as SIZES, RenderedTask as RenderedTask, Task as Task
+from ._tasks import SIZES as SIZES, RenderedTask as RenderedTask, Task as Task

@@ -1,17 +1,17 @@
-from .device import (
+from ._device import (
     ETHERNET_MTU_BYTES as ETHERNET_MTU_BYTES,
     GigeDevice as GigeDevice,
     checked_loopback_address as checked_loopback_address,
 )
-from .features import MAKERS as MAKERS, Maker as Maker, features_of as features_of
-from .registers import BootstrapAddress as BootstrapAddress, maker_identity as maker_identity
-from .settings import (
+from ._features import MAKERS as MAKERS, Maker as Maker, features_of as features_of
+from ._registers import BootstrapAddress as BootstrapAddress, maker_identity as maker_identity
+from ._settings import (
     BenchFrameSource as BenchFrameSource,
     FrameRequest as FrameRequest,
     FrameSource as FrameSource,
     GigeFaults as GigeFaults,
 )
-from .wire import (
+from ._wire import (
     GVCP_PORT as GVCP_PORT,
     PIXEL_LAYOUTS as PIXEL_LAYOUTS,
     CommandCode as CommandCode,

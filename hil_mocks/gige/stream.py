@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_mocks.devices import following_frame_id
-from hil_mocks.gige.features import Feature
-from hil_mocks.gige.registers import RegisterMap, StreamTarget
-from hil_mocks.gige.settings import (
+from hil_mocks.gige._features import Feature
+from hil_mocks.gige._registers import RegisterMap, StreamTarget
+from hil_mocks.gige._settings import (
     CameraState,
     FrameRequest,
     FrameSource,
@@ -24,7 +24,7 @@ from hil_mocks.gige.settings import (
     software_triggers,
     trigger_waits,
 )
-from hil_mocks.gige.wire import (
+from hil_mocks.gige._wire import (
     GVSP_HEADER_BYTES,
     IP_UDP_HEADER_BYTES,
     PAYLOAD_TYPE_IMAGE,

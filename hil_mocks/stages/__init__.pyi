@@ -1,5 +1,5 @@
-from .grbl import GrblFirmware as GrblFirmware
-from .serial_stage import (
+from ._grbl import GrblFirmware as GrblFirmware
+from ._serial_stage import (
     LineFaults as LineFaults,
     SerialLine as SerialLine,
     SerialStage as SerialStage,

@@ -1,10 +1,10 @@
-from .bench_truth import BenchTruth as BenchTruth
-from .images import (
+from ._images import (
     SAMPLES_PER_PX as SAMPLES_PER_PX,
     PeriodicImage as PeriodicImage,
     SplineScene as SplineScene,
     spline_at as spline_at,
 )
+from .bench_truth import BenchTruth as BenchTruth
 from .render import (
     ADC_MAX_DN as ADC_MAX_DN,
     MONO8_SHIFT as MONO8_SHIFT,

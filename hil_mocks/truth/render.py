@@ -16,7 +16,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from hil_mocks.truth.images import FoldedSpectrum
+from hil_mocks.truth._images import FoldedSpectrum
 from hil_mocks.truth.scenes import Scene
 
 Coordinates = NDArray[np.float64]

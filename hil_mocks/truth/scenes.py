@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.special import expit, ndtr
 from skimage.io import imread
 
-from hil_mocks.truth.images import PeriodicImage
+from hil_mocks.truth._images import PeriodicImage
 
 Coordinates = NDArray[np.float64]
 Reflectance = NDArray[np.float64] | NDArray[np.float32]

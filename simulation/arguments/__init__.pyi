@@ -1,4 +1,4 @@
-from .checks import (
+from ._checks import (
     accepted as accepted,
     arguments_at_fault as arguments_at_fault,
     check_fields as check_fields,
@@ -7,7 +7,7 @@ from .checks import (
     is_array_like as is_array_like,
     whole_array as whole_array,
 )
-from .errors import (
+from ._errors import (
     ArgumentError as ArgumentError,
     ArgumentTypeError as ArgumentTypeError,
     FilePath as FilePath,
@@ -15,4 +15,4 @@ from .errors import (
     output_path as output_path,
     path_of as path_of,
 )
-from .models import CheckedModel as CheckedModel
+from ._models import CheckedModel as CheckedModel

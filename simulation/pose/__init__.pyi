@@ -1,15 +1,6 @@
-from .prefilter import LocalPose as LocalPose
-from .simulate import (
-    SimulatedPose as SimulatedPose,
-    simulate_pose_of_image as simulate_pose_of_image,
-)
-from .view import (
-    PoseOptions as PoseOptions,
-    PoseView as PoseView,
-    poses_at_followup as poses_at_followup,
-)
-from .view_filter import pose_noise_gain as pose_noise_gain
-from .warp import (
+from ._prefilter import LocalPose as LocalPose
+from ._view_filter import pose_noise_gain as pose_noise_gain
+from ._warp import (
     DISTORTION_MAX as DISTORTION_MAX,
     derivatives as derivatives,
     homography_fault as homography_fault,
@@ -20,4 +11,13 @@ from .warp import (
     projection_slopes as projection_slopes,
     seen_factors as seen_factors,
     warped as warped,
+)
+from .simulate import (
+    SimulatedPose as SimulatedPose,
+    simulate_pose_of_image as simulate_pose_of_image,
+)
+from .view import (
+    PoseOptions as PoseOptions,
+    PoseView as PoseView,
+    poses_at_followup as poses_at_followup,
 )

@@ -37,11 +37,11 @@ from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage, IntAr
 from simulation.by_value import ByValue
 from simulation.compiled import compiled, compiled_part
 from simulation.notebook import Shown
-from simulation.pose.prefilter import SAMPLING_KERNELS
-from simulation.pose.varying_filter import VaryingFilter
+from simulation.pose._prefilter import SAMPLING_KERNELS
+from simulation.pose._varying_filter import VaryingFilter
+from simulation.pose._view_filter import view_filter
+from simulation.pose._warp import BORDER_PX, NEARER_TOLERANCE_PX2, BlurredWarp, surveyed
 from simulation.pose.view import DEFAULT_OPTIONS, PoseOptions, PoseView
-from simulation.pose.view_filter import view_filter
-from simulation.pose.warp import BORDER_PX, NEARER_TOLERANCE_PX2, BlurredWarp, surveyed
 from simulation.psf import Psf, PsfField
 from simulation.resampling import BandedMatrix, apply_separable
 from simulation.sampling_grid import reference_shape, refuse_non_finite

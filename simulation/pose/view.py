@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from simulation.arrays import FloatArray
 from simulation.choices import DEFAULT_MODEL, POSE_MODELS, PoseModel
-from simulation.pose.prefilter import LocalPose
-from simulation.pose.warp import (
+from simulation.pose._prefilter import LocalPose
+from simulation.pose._warp import (
     BlurredWarp,
     derivatives,
     ideal_points,
@@ -37,7 +37,7 @@ class PoseView:
 
     ``matrix``, shape (3, 3), takes follow-up pixels ``(x, y, 1)`` to reference pixels, both without
     distortion; the third component is positive all over the follow-up. ``lens`` is as in
-    `simulation.pose.warp`; ``reference`` and ``follow_up`` are ``(rows, cols)``;
+    `simulation.pose._warp`; ``reference`` and ``follow_up`` are ``(rows, cols)``;
     ``coefficients_px2``, shape ``(3, n)``, is the PSF's covariance as ``PsfField`` writes it.
     ``frame`` holds the centre x, y and 1 / radius of that field, and the position x, y of the
     follow-up's pixel (0, 0) in it.

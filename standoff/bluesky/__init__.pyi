@@ -1,4 +1,4 @@
-from .bench_devices import (
+from ._bench_devices import (
     HeightStage as HeightStage,
     SessionCamera as SessionCamera,
     WorkStatus as WorkStatus,

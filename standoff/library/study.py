@@ -26,6 +26,13 @@ from calibration.geometry import CharucoBoard, GeometryCalibration
 from simulation.arguments import arguments_at_fault, checked
 from simulation.arrays import FloatArray
 from standoff.errors import ArgumentError
+from standoff.library._planned_session import (
+    EdgeTemplate,
+    KnownInputs,
+    SoughtChange,
+    pixel_levels,
+    planned_edges,
+)
 from standoff.library.call import (
     Call,
     FilePath,
@@ -34,13 +41,6 @@ from standoff.library.call import (
     Progress,
     PsfLike,
     listed_images,
-)
-from standoff.library.planned_session import (
-    EdgeTemplate,
-    KnownInputs,
-    SoughtChange,
-    pixel_levels,
-    planned_edges,
 )
 
 _MOST_PHOTOGRAPHS = 24

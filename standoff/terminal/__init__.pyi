@@ -1,9 +1,9 @@
-from .app import (
+from ._app import (
     application as application,
     is_same_command as is_same_command,
     run_application as run_application,
 )
-from .declaration import (
+from ._declaration import (
     REPORT as REPORT,
     Force as Force,
     Given as Given,
@@ -18,7 +18,7 @@ from .declaration import (
     refuse_replacing as refuse_replacing,
     wants_json as wants_json,
 )
-from .operator_prompts import (
+from ._operator_prompts import (
     LONGEST_ANSWER as LONGEST_ANSWER,
     Operator as Operator,
     ScriptedOperator as ScriptedOperator,
@@ -27,7 +27,7 @@ from .operator_prompts import (
     time_text as time_text,
     what_to_place as what_to_place,
 )
-from .options import (
+from ._options import (
     BOARD_FORM as BOARD_FORM,
     HINT_RULES as HINT_RULES,
     HINTS as HINTS,
@@ -67,7 +67,7 @@ from .options import (
     read_bench as read_bench,
     reading_options as reading_options,
 )
-from .output import (
+from ._output import (
     ERRORS as ERRORS,
     PROGRESS_VARIABLE as PROGRESS_VARIABLE,
     UPPER_BOUND as UPPER_BOUND,
@@ -85,7 +85,7 @@ from .output import (
     say_error as say_error,
     verdict_display as verdict_display,
 )
-from .tables import (
+from ._tables import (
     end_refused as end_refused,
     print_edges as print_edges,
     print_few as print_few,
@@ -97,4 +97,4 @@ from .tables import (
     show_series as show_series,
     value_cells as value_cells,
 )
-from .words import EXAMPLES as EXAMPLES
+from ._words import EXAMPLES as EXAMPLES

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.device import load_aravis
+from acquisition.aravis._camera import AravisCamera
+from acquisition.aravis._device import load_aravis
 from acquisition.bench import CameraConfig
 from acquisition.devices import Frame
 from acquisition.errors import DriverMissingError
-from hil_mocks.gige.settings import FrameRequest
-from hil_mocks.gige.wire import PIXEL_LAYOUTS, image_of_levels
+from hil_mocks.gige._settings import FrameRequest
+from hil_mocks.gige._wire import PIXEL_LAYOUTS, image_of_levels
 from hil_mocks.practice_bench import PracticeBench
 
 

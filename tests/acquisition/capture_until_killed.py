@@ -11,7 +11,7 @@ from pathlib import Path
 
 from acquisition.averaging import average_frames
 from acquisition.bench import BenchDevices
-from acquisition.capture.runner import CaptureProgress, RunOperator, run_plan
+from acquisition.capture._runner import CaptureProgress, RunOperator, run_plan
 from acquisition.devices import Frame
 from tests.acquisition.fakes import SETTINGS, ScriptedCamera, ScriptedStage, frame
 from tests.acquisition.session_fixtures import bench_of, plan_of

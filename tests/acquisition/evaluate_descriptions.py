@@ -9,8 +9,8 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 
-from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.device import OpenedDevice, load_aravis, open_device
+from acquisition.aravis._camera import AravisCamera
+from acquisition.aravis._device import OpenedDevice, load_aravis, open_device
 from acquisition.errors import DeviceError
 from tests.acquisition.aravis_bench import camera_config
 

@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from acquisition.session.journal import HEAD_NAME, JournalEvent, JournalHead
+from acquisition.session._journal import HEAD_NAME, JournalEvent, JournalHead
 
 
 def unchained_journal(events: Iterable[JournalEvent]) -> bytes:

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from acquisition.session.capture_files import CaptureImages, capture_parts
-from acquisition.session.record import CaptureRecord
+from acquisition.session._capture_files import CaptureImages, capture_parts
+from acquisition.session._record import CaptureRecord
 
 RECORD = CaptureRecord(
     index=7,

@@ -6,7 +6,7 @@ from itertools import chain, repeat
 from typing import Any, cast
 
 from acquisition.bench import StageConfig
-from acquisition.stages.grbl import _GrblAxis
+from acquisition.stages._grbl import _GrblAxis
 from acquisition.stages.grbl_controller import GrblController
 from acquisition.stages.grbl_wire import JOG_CANCEL, Alarm, ErrorReply, StatusReport
 

@@ -10,10 +10,10 @@ from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchConfig
 from acquisition.devices import FrameImage
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
-from acquisition.session.journal import Stamps
-from acquisition.session.reader import Session
-from acquisition.session.record import CaptureRecord, Take
-from acquisition.session.writer import SessionWriter
+from acquisition.session._journal import Stamps
+from acquisition.session._reader import Session
+from acquisition.session._record import CaptureRecord, Take
+from acquisition.session._writer import SessionWriter
 from tests.acquisition.fakes import COLS, ROWS, SETTINGS, FakeUids, FakeUtc
 
 DEVICES: dict[str, dict[str, Any]] = {

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.aravis.network import receive_buffer_limit_bytes, route_to
+from acquisition.aravis._network import receive_buffer_limit_bytes, route_to
 from acquisition.bench import BenchConfig, _address_fault, resolve_address
 from acquisition.errors import DeviceDisconnectedError, DeviceError
 from tests.acquisition.session_fixtures import bench_of

@@ -19,7 +19,7 @@ from acquisition.remote_files import (
     url_of,
     write_remote,
 )
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from acquisition.untrusted import MOST_BRACKETS, parse_json
 from analysis.errors import ResultsFileError
 from calibration.errors import PsfFileError

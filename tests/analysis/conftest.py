@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.reader import Session
-from analysis.validation.document import Validation
-from analysis.validation.session import validated
+from acquisition.session._reader import Session
+from analysis.validation._document import Validation
+from analysis.validation._session import validated
 from calibration.files import read_psf, write_psf
 from calibration.psf import PsfCalibration, edge_images, psf_of_images
 from tests.analysis.bench_session import PSF, bench_session

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 from scipy.stats import rankdata
 
-from analysis.detectability.scenario import LocalChange
+from analysis.detectability._scenario import LocalChange
 from simulation.arrays import FloatArray
 
 __all__ = ["TrialResult", "run_trials"]

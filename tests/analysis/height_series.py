@@ -8,7 +8,7 @@ import numpy as np
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session import Take
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from calibration.noise import LevelNoise
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray

@@ -7,7 +7,7 @@ from itertools import groupby
 import numpy as np
 
 from calibration.geometry import GeometryCapture, PlaneLens
-from calibration.geometry.bundle_adjustment import (
+from calibration.geometry._bundle_adjustment import (
     Adjustment,
     CapturePose,
     PlaneMatches,

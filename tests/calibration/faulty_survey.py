@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 
 from calibration.geometry import GeometryCapture
-from calibration.geometry.bundle_adjustment import Adjustment, PlaneMatches, adjust
-from calibration.geometry.pupil import ConsistentSeries, without_outliers
+from calibration.geometry._bundle_adjustment import Adjustment, PlaneMatches, adjust
+from calibration.geometry._pupil import ConsistentSeries, without_outliers
 from simulation.arrays import FloatArray
 from tests.calibration.exact_survey import Survey
 from tests.calibration.geometry_bench import (

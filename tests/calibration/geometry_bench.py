@@ -7,7 +7,7 @@ import numpy as np
 
 from acquisition.bench import BenchConfig
 from calibration.geometry import GeometryCapture, PlaneLens
-from calibration.geometry.bundle_adjustment import CapturePose, PlaneMatches, PosedCapture, Series
+from calibration.geometry._bundle_adjustment import CapturePose, PlaneMatches, PosedCapture, Series
 from hil_mocks.truth.bench_truth import BenchTruth
 from hil_mocks.truth.render import CameraPose, PinholeCamera
 from simulation.arrays import FloatArray

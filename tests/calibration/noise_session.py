@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.averaging import AveragedFrames
-from acquisition.session.reader import Session
-from acquisition.session.record import Take
+from acquisition.session._reader import Session
+from acquisition.session._record import Take
 from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from acquisition.photographs import ReadOptions, read_photograph
-from acquisition.photographs.encoding import ProfileError, read_profile
+from acquisition.photographs._encoding import ProfileError, read_profile
 from calibration.errors import CalibrationError
 from standoff.errors import ImageFileError
 from standoff.library import Reading, edge_image

@@ -15,22 +15,22 @@ import tifffile
 from hypothesis import strategies as st
 
 from analysis.change_series import read_time_line
-from analysis.changes.document import read_changes
-from analysis.detectability.curves import read_curves
+from analysis.changes._document import read_changes
+from analysis.detectability._curves import read_curves
 from analysis.errors import ResultsFileError
-from analysis.pose.quality import read_pose
+from analysis.pose._quality import read_pose
 from analysis.sweep import Manifest, Records
-from analysis.sweep.work import Writer
-from analysis.validation.document import read_validation
-from analysis.validation.kernels import KernelCache
+from analysis.sweep._work import Writer
+from analysis.validation._document import read_validation
+from analysis.validation._kernels import KernelCache
 from calibration.documents import json_object
 from calibration.errors import GeometryFileError, HomographyFileError, NoiseFileError, PsfFileError
 from calibration.files import read_correction, read_geometry, read_homography, read_noise, read_psf
-from calibration.geometry.document import GEOMETRY_SCHEMA
-from calibration.noise.document import NOISE_SCHEMA
+from calibration.geometry._document import GEOMETRY_SCHEMA
+from calibration.noise._document import NOISE_SCHEMA
 from calibration.psf import psf_of_images
-from calibration.registration.document import HOMOGRAPHY_SCHEMA
-from simulation.kernelgan.estimate import KernelGanSettings
+from calibration.registration._document import HOMOGRAPHY_SCHEMA
+from simulation.kernelgan._estimate import KernelGanSettings
 from standoff.errors import HintError
 from standoff.library.registration import read_points
 from tests.analysis.sweep.hashing import Hashing

@@ -6,15 +6,15 @@ from pathlib import Path
 from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan, plan_entries
-from acquisition.session.capture_files import parse_capture, read_capture
-from acquisition.session.journal import (
+from acquisition.session._capture_files import parse_capture, read_capture
+from acquisition.session._journal import (
     JournalEvent,
     JournalWriter,
     _read_journal,
     read_journal_file,
 )
-from acquisition.session.reader import captures_of
-from acquisition.session.record import CaptureRecord, Manifest
+from acquisition.session._reader import captures_of
+from acquisition.session._record import CaptureRecord, Manifest
 from tests.acquisition.journals import chained_journal, unchained_journal
 from tests.acquisition.records import RECORD, capture_bytes, images
 from tests.acquisition.session_fixtures import DEVICES, bench_of, plan_of

@@ -12,8 +12,8 @@ import tifffile
 from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan
-from acquisition.session.journal import _read_journal
-from acquisition.session.record import Manifest
+from acquisition.session._journal import _read_journal
+from acquisition.session._record import Manifest
 from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
 from analysis.changes import ChangeOptions, changes_between
 from analysis.errors import AnalysisError

@@ -5,19 +5,19 @@ from functools import cache
 
 from hypothesis import strategies as st
 
-from acquisition.aravis.description import DescriptionError, require_sound_description
-from acquisition.aravis.network import _unpack
-from acquisition.aravis.stream import _decode_pixels
+from acquisition.aravis._description import DescriptionError, require_sound_description
+from acquisition.aravis._network import _unpack
+from acquisition.aravis._stream import _decode_pixels
 from acquisition.errors import CameraDescriptionError, DeviceError
-from hil_mocks.gige.device import ControlChannel
-from hil_mocks.gige.features import features_of
-from hil_mocks.gige.registers import BootstrapAddress, Identity, RegisterMap
-from hil_mocks.gige.settings import CameraState, GigeFaults
-from hil_mocks.gige.wire import CommandCode, GvcpError, RegisterWrite, ResendRequest
-from hil_mocks.stages.grbl import GrblFirmware
-from hil_mocks.stages.plant import StagePlant
-from hil_mocks.stages.serial_stage import LineFaults, SerialLine
-from hil_mocks.stages.zaber import ZaberFirmware
+from hil_mocks.gige._device import ControlChannel
+from hil_mocks.gige._features import features_of
+from hil_mocks.gige._registers import BootstrapAddress, Identity, RegisterMap
+from hil_mocks.gige._settings import CameraState, GigeFaults
+from hil_mocks.gige._wire import CommandCode, GvcpError, RegisterWrite, ResendRequest
+from hil_mocks.stages._grbl import GrblFirmware
+from hil_mocks.stages._plant import StagePlant
+from hil_mocks.stages._serial_stage import LineFaults, SerialLine
+from hil_mocks.stages._zaber import ZaberFirmware
 from tests.acquisition.aravis.description_texts import simulated, with_nodes
 from tests.acquisition.aravis.test_network import packed
 from tests.fuzz.damage import damaged_bytes

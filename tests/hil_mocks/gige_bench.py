@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from acquisition.errors import DeviceError
 from hil_mocks.gige import FrameRequest
-from hil_mocks.gige.device import ETHERNET_MTU_BYTES
-from hil_mocks.gige.features import Maker
-from hil_mocks.gige.wire import PIXEL_LAYOUTS, image_of_levels
+from hil_mocks.gige._device import ETHERNET_MTU_BYTES
+from hil_mocks.gige._features import Maker
+from hil_mocks.gige._wire import PIXEL_LAYOUTS, image_of_levels
 from hil_mocks.practice_bench import PracticeBench
 from tests.hil_mocks.benches import bench_config
 

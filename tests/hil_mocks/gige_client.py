@@ -11,9 +11,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_mocks.gige.features import Feature, features_of
-from hil_mocks.gige.registers import BootstrapAddress
-from hil_mocks.gige.wire import (
+from hil_mocks.gige._features import Feature, features_of
+from hil_mocks.gige._registers import BootstrapAddress
+from hil_mocks.gige._wire import (
     GVCP_PORT,
     CommandCode,
     GvcpStatus,

@@ -10,7 +10,13 @@ from contextlib import contextmanager
 from threading import Thread
 from time import monotonic, sleep
 
-from hil_mocks.gige.wire import GVCP_PORT, CommandCode, GvcpError, encode_acknowledge, parse_command
+from hil_mocks.gige._wire import (
+    GVCP_PORT,
+    CommandCode,
+    GvcpError,
+    encode_acknowledge,
+    parse_command,
+)
 from tests.hil_mocks.gige_wire import encode_command, parse_acknowledge
 
 LOOPBACK = "127.0.0.1"

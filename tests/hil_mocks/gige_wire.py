@@ -3,7 +3,7 @@
 import struct
 from dataclasses import dataclass
 
-from hil_mocks.gige.wire import (
+from hil_mocks.gige._wire import (
     GVSP_HEADER_BYTES,
     HEADER_BYTES,
     KEY,

@@ -5,18 +5,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from acquisition.bench import StageConfig
-from acquisition.stages.control import ManualStage
-from acquisition.stages.grbl import _GrblAxis
+from acquisition.stages._control import ManualStage
+from acquisition.stages._grbl import _GrblAxis
+from acquisition.stages._motor import MotorStage
+from acquisition.stages._serial_link import SerialLink, _WireLog
 from acquisition.stages.grbl_controller import GrblController
-from acquisition.stages.motor import MotorStage
-from acquisition.stages.serial_link import SerialLink, _WireLog
 from acquisition.stages.zaber import _ZaberAxis, _ZaberDevice
 from hil_mocks import SimulatedClock
-from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
-from hil_mocks.stages.grbl_protocol import GrblDialect
-from hil_mocks.stages.plant import StagePlant
-from hil_mocks.stages.serial_stage import SerialLine
-from hil_mocks.stages.zaber import ZaberFaults, ZaberFirmware
+from hil_mocks.stages._grbl import GrblFaults, GrblFirmware
+from hil_mocks.stages._grbl_protocol import GrblDialect
+from hil_mocks.stages._plant import StagePlant
+from hil_mocks.stages._serial_stage import SerialLine
+from hil_mocks.stages._zaber import ZaberFaults, ZaberFirmware
 from tests.hil_mocks.virtual_port import VirtualPort
 
 MICROSTEP_UM = 0.49609375

@@ -7,7 +7,7 @@ import pytest
 
 from acquisition.devices import Camera
 from acquisition.errors import CameraFeatureError, DeviceError
-from hil_mocks.gige.features import MAKERS
+from hil_mocks.gige._features import MAKERS
 from tests.acquisition.aravis_bench import needs_aravis, opened
 from tests.hil_mocks.benches import homed_bench
 from tests.hil_mocks.gige_bench import gige_bench

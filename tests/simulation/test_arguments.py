@@ -20,7 +20,7 @@ from simulation.arguments import (
     given_array,
     whole_array,
 )
-from simulation.arguments.errors import RANGES, _Range
+from simulation.arguments._errors import RANGES, _Range
 
 Shape = Literal["best", "measured"]
 PAIRS = tuple[int, int]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from analysis.reports import page
+from analysis.reports import _page as page
 from scripts.example_files import make_example_files
 from standoff.cli import run
 from tests.calibration.closed_form import edge_image

@@ -10,13 +10,13 @@ import pytest
 import tifffile
 from PIL import Image
 
-import acquisition.photographs.reader
+import acquisition.photographs._reader
 import standoff.cli
 import standoff.commands
 from standoff import __version__
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
-from standoff.terminal.app import COMMANDS
+from standoff.terminal._app import COMMANDS
 from tests.calibration.closed_form import edge_image
 from tests.standoff.conftest import Command
 
@@ -221,7 +221,7 @@ def test_ctrl_c_is_status_130(
     def interrupt(path: Path, options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(acquisition.photographs.reader, "read_image", interrupt)
+    monkeypatch.setattr(acquisition.photographs._reader, "read_image", interrupt)
     done = command(
         "simulate", "x.tif", "--zoom", "2", "--model", "bicubic", "--out", tmp_path / "o.tif"
     )
@@ -315,7 +315,7 @@ def test_a_report_that_the_disk_does_not_take_is_named(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("acquisition.files.writing.write_shared", full)
+    monkeypatch.setattr("acquisition.files._writing.write_shared", full)
     assert "report.html: No space left on device" in command.refused(1, "report", session_dir)
 
 
@@ -326,7 +326,7 @@ def test_sigterm_ends_a_command_as_ctrl_c_does_with_a_status_of_its_own(
         signal.raise_signal(signal.SIGTERM)
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(acquisition.photographs.reader, "read_image", told_to_end)
+    monkeypatch.setattr(acquisition.photographs._reader, "read_image", told_to_end)
     words = ["simulate", "x.tif", "--zoom", "2", "--model", "bicubic", "--out", "o.tif"]
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["standoff", *words])

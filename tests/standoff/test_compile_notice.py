@@ -15,7 +15,7 @@ said = []
 when_compiling(said.append)
 import sys
 assert "numba" not in sys.modules
-from simulation.pose.warp import ideal_factors
+from simulation.pose._warp import ideal_factors
 import numpy as np
 ideal_factors(0.1, 0.0, np.zeros(3))
 print(",".join(said))

@@ -9,13 +9,13 @@ import pytest
 
 import acquisition.aravis
 import standoff.doctor
-from acquisition.aravis.camera import AravisCamera, CameraProbe, FoundCamera
-from acquisition.aravis.device import AravisLibrary
-from acquisition.aravis.features import Bounds, StatedValue
-from acquisition.aravis.network import NetworkRoute
+from acquisition.aravis._camera import AravisCamera, CameraProbe, FoundCamera
+from acquisition.aravis._device import AravisLibrary
+from acquisition.aravis._features import Bounds, StatedValue
+from acquisition.aravis._network import NetworkRoute
 from acquisition.bench import BenchConfig, StageConfig, load_bench
 from acquisition.errors import DriverMissingError
-from hil_mocks.gige.settings import GigeFaults
+from hil_mocks.gige._settings import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
 from hil_mocks.stages import SerialStage
 from standoff.doctor import (

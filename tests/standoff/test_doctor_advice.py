@@ -17,7 +17,7 @@ from acquisition.errors import (
     MissingFeatureError,
     NoRouteError,
 )
-from hil_mocks.gige.settings import GigeFaults
+from hil_mocks.gige._settings import GigeFaults
 from standoff.doctor import Check, advice_on, examine
 from tests.acquisition.aravis.description_texts import simulated
 from tests.acquisition.aravis_bench import needs_aravis

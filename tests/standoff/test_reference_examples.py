@@ -16,9 +16,9 @@ from scripts.library_reference import TYPES
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks", "standoff")
 NOT_RUN = {
-    "standoff/library/bench/devices.py: find_cameras": "searches every network of this computer",
-    "analysis/pose/tracker.py: PoseTracker": "needs a camera that delivers frames",
-    "analysis/detectors/learned/weights.py: load_learned": "needs PyTorch and a trained detector",
+    "standoff/library/bench/_devices.py: find_cameras": "searches every network of this computer",
+    "analysis/pose/_tracker.py: PoseTracker": "needs a camera that delivers frames",
+    "analysis/detectors/learned/_weights.py: load_learned": "needs PyTorch and a trained detector",
 }
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from standoff.terminal.app import COMMANDS
+from standoff.terminal._app import COMMANDS
 
 COMPUTING = {
     *("PIL", "cv2", "gi", "jinja2", "joblib", "matplotlib", "numba", "numpy", "scipy", "serial"),
@@ -58,6 +58,6 @@ def test_a_psf_of_a_few_edges_imports_no_optimiser_and_no_splines_of_scipy(tmp_p
         [*words, "--out", "psf.json"], capture_output=True, text=True, check=True, cwd=tmp_path
     )
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
-    assert "calibration.psf.transfer_2d" in imported
+    assert "calibration.psf._transfer_2d" in imported
     slow = {"matplotlib", "scipy.interpolate", "scipy.optimize", "scipy.spatial", "scipy.stats"}
     assert slow & imported == set()

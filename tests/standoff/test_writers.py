@@ -16,8 +16,8 @@ from acquisition.session import (
     whole_file,
     write_shared,
 )
-from acquisition.session.files import atomic_write, move_new, write_new_hashed
-from acquisition.session_export.export import _put_in_place
+from acquisition.session._files import atomic_write, move_new, write_new_hashed
+from acquisition.session_export._export import _put_in_place
 from standoff.errors import ApplicationError
 from tests.acquisition.session_fixtures import whole_session
 from tests.standoff.conftest import Command
@@ -26,21 +26,21 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("acquisition", "analysis", "calibration", "hil_mocks", "simulation", "standoff")
 
 WRITERS = {
-    "acquisition/session/capture_files.py": "moves to free names only",
-    "acquisition/session/journal.py": "the head of the journal",
-    "acquisition/session/files.py": "tried below",
-    "acquisition/session_export/export.py": "tried below",
-    "acquisition/session_export/ome.py": "in the folder that export.py puts in place",
-    "acquisition/stages/serial_link.py": "appends to a log",
-    "analysis/detectability/sweep.py": "in the working folder of a sweep",
-    "analysis/detectors/hosts.py": "in a temporary folder",
-    "analysis/sr_dataset/dataset.py": "in a data set, begun with a whole_file",
-    "analysis/sr_dataset/pairs.py": "in a data set, begun with a whole_file",
+    "acquisition/session/_capture_files.py": "moves to free names only",
+    "acquisition/session/_journal.py": "the head of the journal",
+    "acquisition/session/_files.py": "tried below",
+    "acquisition/session_export/_export.py": "tried below",
+    "acquisition/session_export/_ome.py": "in the folder that export.py puts in place",
+    "acquisition/stages/_serial_link.py": "appends to a log",
+    "analysis/detectability/_sweep.py": "in the working folder of a sweep",
+    "analysis/detectors/_hosts.py": "in a temporary folder",
+    "analysis/sr_dataset/_dataset.py": "in a data set, begun with a whole_file",
+    "analysis/sr_dataset/_pairs.py": "in a data set, begun with a whole_file",
     "analysis/sweep/cluster.py": "in the working folder of a sweep",
-    "analysis/sweep/engine.py": "in the working folder of a sweep",
-    "analysis/sweep/work.py": "in the working folder of a sweep",
+    "analysis/sweep/_engine.py": "in the working folder of a sweep",
+    "analysis/sweep/_work.py": "in the working folder of a sweep",
     "standoff/console/pose_curves.py": "in a temporary folder",
-    "acquisition/files/writing.py": "tried below",
+    "acquisition/files/_writing.py": "tried below",
     "standoff/library/swept_photographs.py": "in a temporary folder",
     "standoff/streams.py": "standard output",
     "standoff/warm_up.py": "in a temporary folder",

@@ -1,4 +1,4 @@
-from .matching_kernel import (
+from ._matching_kernel import (
     KERNEL_RADIUS_PX as KERNEL_RADIUS_PX,
     MatchingKernel as MatchingKernel,
     ToneCurve as ToneCurve,
@@ -6,7 +6,7 @@ from .matching_kernel import (
     fit_tone_curve as fit_tone_curve,
     white_noise_gain as white_noise_gain,
 )
-from .pair_fit import (
+from ._pair_fit import (
     SAMPLE_PX as SAMPLE_PX,
     FitRules as FitRules,
     FittedScatter as FittedScatter,
@@ -14,14 +14,7 @@ from .pair_fit import (
     PairModel as PairModel,
     fit_pair as fit_pair,
 )
-from .relative_blur import (
-    RelativeBlur as RelativeBlur,
-    Smoothing as Smoothing,
-    calibrated_blur_px2 as calibrated_blur_px2,
-    relative_blur as relative_blur,
-    smoothing_for as smoothing_for,
-)
-from .smoothed_warp import (
+from ._smoothed_warp import (
     PixelPositions as PixelPositions,
     Window as Window,
     away_from as away_from,
@@ -30,9 +23,16 @@ from .smoothed_warp import (
     smoothed as smoothed,
     spline_coefficients as spline_coefficients,
 )
-from .variance import (
+from ._variance import (
     GRADIENT as GRADIENT,
     LAPLACIAN as LAPLACIAN,
     VarianceTerms as VarianceTerms,
     calibrated_factor as calibrated_factor,
+)
+from .relative_blur import (
+    RelativeBlur as RelativeBlur,
+    Smoothing as Smoothing,
+    calibrated_blur_px2 as calibrated_blur_px2,
+    relative_blur as relative_blur,
+    smoothing_for as smoothing_for,
 )

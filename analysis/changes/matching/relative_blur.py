@@ -23,7 +23,7 @@ from math import expm1, hypot, inf, pi, sqrt
 import cv2
 import numpy as np
 
-from analysis.changes.matching.smoothed_warp import (
+from analysis.changes.matching._smoothed_warp import (
     PixelPositions,
     Window,
     finest_detail,

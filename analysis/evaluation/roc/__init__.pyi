@@ -1,4 +1,4 @@
-from .auc import (
+from ._auc import (
     AucEstimate as AucEstimate,
     ShareInterval as ShareInterval,
     TprEstimate as TprEstimate,
@@ -6,7 +6,7 @@ from .auc import (
     share_interval as share_interval,
     tpr_at_fpr as tpr_at_fpr,
 )
-from .curves import (
+from ._curves import (
     MOST_MARKS as MOST_MARKS,
     Disc as Disc,
     FrocCurve as FrocCurve,

@@ -1,1 +1,1 @@
-from .application import console_app as console_app
+from ._application import console_app as console_app

@@ -1,5 +1,5 @@
-from .bench import Bench as Bench, height_series as height_series
-from .devices import (
+from ._bench import Bench as Bench, height_series as height_series
+from ._devices import (
     OpenBench as OpenBench,
     devices_of as devices_of,
     find_cameras as find_cameras,
@@ -11,20 +11,20 @@ from .devices import (
     place_target as place_target,
     refuse_half_simulated as refuse_half_simulated,
 )
-from .focus import (
+from ._focus import (
     FoundFocus as FoundFocus,
     WatchedFocus as WatchedFocus,
     find_focus as find_focus,
     watch_focus as watch_focus,
 )
-from .plan_preview import (
+from ._plan_preview import (
     bench_config as bench_config,
     given_plan as given_plan,
     preview_plan as preview_plan,
 )
-from .session_capture import (
+from ._session_capture import (
     CapturedSession as CapturedSession,
     PlannedComparisons as PlannedComparisons,
     capture_session as capture_session,
 )
-from .stage_control import operate_stage as operate_stage
+from ._stage_control import operate_stage as operate_stage

@@ -1,8 +1,8 @@
-from .experiments import (
+from ._experiments import (
     DEMO_FILES as DEMO_FILES,
     DemoResult as DemoResult,
     run_demo as run_demo,
     run_paper as run_paper,
     short_bench as short_bench,
 )
-from .real_pair import DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS
+from ._real_pair import DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS

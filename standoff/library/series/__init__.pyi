@@ -1,8 +1,8 @@
-from .pose_work import (
+from ._pose_work import (
     JudgedPose as JudgedPose,
     judge_pose as judge_pose,
 )
-from .series import (
+from ._series import (
     CHANGES_TABLE as CHANGES_TABLE,
     FILES_OF_POSE_SERIES as FILES_OF_POSE_SERIES,
     FILES_OF_SERIES as FILES_OF_SERIES,

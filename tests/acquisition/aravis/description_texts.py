@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Mapping
 
-from hil_mocks.gige.description import describe
-from hil_mocks.gige.features import features_of
+from hil_mocks.gige._description import describe
+from hil_mocks.gige._features import features_of
 
 HEAD = (
     '<?xml version="1.0" encoding="utf-8"?>\n'

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import acquisition.aravis.camera
-import acquisition.aravis.device
-from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.device import load_aravis, open_device
+import acquisition.aravis._camera
+import acquisition.aravis._device
+from acquisition.aravis._camera import AravisCamera
+from acquisition.aravis._device import load_aravis, open_device
 from acquisition.averaging import average_frames
 from acquisition.errors import (
     CameraFeatureError,
@@ -19,7 +19,7 @@ from acquisition.errors import (
     DeviceInUseError,
     DeviceTimeoutError,
 )
-from hil_mocks.gige.settings import GigeFaults
+from hil_mocks.gige._settings import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import camera_config, needs_aravis, opened, sent_image
 from tests.busy_machine import BUSY_S
@@ -227,14 +227,14 @@ def test_an_address_without_a_camera_is_an_error_within_seconds_and_nothing_is_s
             asked.append(name)
             return getattr(library.api, name)
 
-    guarded = acquisition.aravis.device.AravisLibrary(
+    guarded = acquisition.aravis._device.AravisLibrary(
         api=Guarded(),
         gio=library.gio,
         glib=library.glib,
         aravis_version="",
         pygobject_version="",
     )
-    monkeypatch.setattr(acquisition.aravis.device, "load_aravis", lambda: guarded)
+    monkeypatch.setattr(acquisition.aravis._device, "load_aravis", lambda: guarded)
     begin_s = time.monotonic()
     with pytest.raises(DeviceDisconnectedError):
         AravisCamera.open(camera_config(next(free_addresses())))
@@ -302,7 +302,7 @@ def test_waiting_is_bounded_by_the_time_given(bench: PracticeBench) -> None:
 def test_a_small_receive_buffer_is_a_warning(
     bench: PracticeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(acquisition.aravis.camera, "receive_buffer_limit_bytes", lambda: 212992)
+    monkeypatch.setattr(acquisition.aravis._camera, "receive_buffer_limit_bytes", lambda: 212992)
     with opened(bench) as camera:
         assert "net.core.rmem_max=4194304" in camera.warnings[0]
 

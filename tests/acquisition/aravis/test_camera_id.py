@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.aravis.camera import AravisCamera, list_cameras, probe_camera
-from acquisition.aravis.device import load_aravis
+from acquisition.aravis._camera import AravisCamera, list_cameras, probe_camera
+from acquisition.aravis._device import load_aravis
 from acquisition.averaging import average_frames
 from acquisition.bench import CameraConfig
 from acquisition.errors import (

@@ -7,8 +7,8 @@ import pytest
 
 from acquisition.averaging import average_frames
 from acquisition.errors import CameraFeatureError, CaptureError, DeviceTimeoutError
-from hil_mocks.gige.features import Maker
-from hil_mocks.gige.settings import FrameRequest, GigeFaults
+from hil_mocks.gige._features import Maker
+from hil_mocks.gige._settings import FrameRequest, GigeFaults
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import needs_aravis, opened
 from tests.hil_mocks.gige_bench import gige_bench

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import example, given, strategies as st
 
-from acquisition.aravis.description import (
+from acquisition.aravis._description import (
     DEEPEST_ELEMENT,
     LARGEST_BYTES,
     LONGEST_CHAIN,
@@ -21,8 +21,8 @@ from acquisition.aravis.description import (
 )
 from acquisition.errors import CameraDescriptionError
 from hil_mocks.gige import Maker, maker_identity
-from hil_mocks.gige.description import describe
-from hil_mocks.gige.features import MAKERS, features_of
+from hil_mocks.gige._description import describe
+from hil_mocks.gige._features import MAKERS, features_of
 from tests.acquisition.aravis.description_texts import (
     CIRCLES,
     HARMLESS,

@@ -16,12 +16,12 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.aravis.camera import AravisCamera, probe_camera
-from acquisition.aravis.configuration import _require_usable
-from acquisition.aravis.description import LARGEST_BYTES
+from acquisition.aravis._camera import AravisCamera, probe_camera
+from acquisition.aravis._configuration import _require_usable
+from acquisition.aravis._description import LARGEST_BYTES
 from acquisition.errors import CameraDescriptionError, CameraFeatureError, MissingFeatureError
-from hil_mocks.gige.description import describe
-from hil_mocks.gige.features import features_of
+from hil_mocks.gige._description import describe
+from hil_mocks.gige._features import features_of
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis.description_texts import (
     CIRCLES,
@@ -289,7 +289,7 @@ def test_a_description_that_is_another_one_for_aravis_is_refused_as_well(
     bench: PracticeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench.camera.serve_description(with_width("<pValue>Width</pValue>"))
-    monkeypatch.setattr("acquisition.aravis.device.read_description", lambda *_: simulated())
+    monkeypatch.setattr("acquisition.aravis._device.read_description", lambda *_: simulated())
     with pytest.raises(CameraDescriptionError):
         AravisCamera.open(camera_config(bench.camera.address))
 

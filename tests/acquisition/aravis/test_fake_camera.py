@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.aravis.camera import AravisCamera, probe_camera
-from acquisition.aravis.device import load_aravis
+from acquisition.aravis._camera import AravisCamera, probe_camera
+from acquisition.aravis._device import load_aravis
 from acquisition.averaging import average_frames
 from acquisition.errors import CameraFeatureError
 from tests.acquisition.aravis_bench import camera_config, needs_aravis

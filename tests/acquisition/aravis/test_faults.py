@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.aravis.camera import AravisCamera, _AravisConnection
-from acquisition.aravis.configuration import NO_TRIGGER
-from acquisition.aravis.device import OpenedDevice, open_device
+from acquisition.aravis._camera import AravisCamera, _AravisConnection
+from acquisition.aravis._configuration import NO_TRIGGER
+from acquisition.aravis._device import OpenedDevice, open_device
 from acquisition.averaging import PATIENCE_S, average_frames
 from acquisition.bench import BenchDevices
-from acquisition.capture.runner import RunOperator, RunSummary, run_plan
+from acquisition.capture._runner import RunOperator, RunSummary, run_plan
 from acquisition.errors import (
     CameraFeatureError,
     CaptureError,
@@ -24,9 +24,9 @@ from acquisition.errors import (
     StreamInterruptedError,
 )
 from acquisition.session import verify
-from acquisition.session.reader import Session
-from hil_mocks.gige.settings import GigeFaults
-from hil_mocks.gige.wire import ResendRequest
+from acquisition.session._reader import Session
+from hil_mocks.gige._settings import GigeFaults
+from hil_mocks.gige._wire import ResendRequest
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import (
     after_frames,

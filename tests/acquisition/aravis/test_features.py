@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.aravis.camera import _require_same_camera
-from acquisition.aravis.features import names_for, neutral_features
+from acquisition.aravis._camera import _require_same_camera
+from acquisition.aravis._features import names_for, neutral_features
 from acquisition.devices import CameraSettings, DeviceInfo
 from acquisition.errors import CameraFeatureError
-from hil_mocks.gige.features import MAKERS, Maker, features_of
+from hil_mocks.gige._features import MAKERS, Maker, features_of
 from tests.acquisition.fakes import SETTINGS
 
 INFO = DeviceInfo(vendor="V", model="M", serial_number="S1", firmware="1", driver="aravis")

@@ -5,8 +5,8 @@ import operator
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from acquisition.aravis.description import require_sound_description
-from acquisition.aravis.formulas import (
+from acquisition.aravis._description import require_sound_description
+from acquisition.aravis._formulas import (
     Extent,
     OverflowingDivisionError,
     extent_of_number,

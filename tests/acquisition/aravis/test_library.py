@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from acquisition.aravis.camera import FoundCamera, list_cameras
-from acquisition.aravis.device import AravisLibrary, load_aravis
+from acquisition.aravis._camera import FoundCamera, list_cameras
+from acquisition.aravis._device import AravisLibrary, load_aravis
 from acquisition.errors import DriverMissingError
 from tests.acquisition.aravis_bench import needs_aravis
 
@@ -55,7 +55,7 @@ def test_a_missing_aravis_is_an_error_that_names_the_package(
 
 @pytest.mark.slow
 def test_importing_the_driver_does_not_import_gi() -> None:
-    code = "import acquisition.aravis.camera, standoff.cli, sys; sys.exit('gi' in sys.modules)"
+    code = "import acquisition.aravis._camera, standoff.cli, sys; sys.exit('gi' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

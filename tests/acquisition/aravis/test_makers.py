@@ -2,10 +2,10 @@
 
 import pytest
 
-from acquisition.aravis.camera import AravisCamera, probe_camera
+from acquisition.aravis._camera import AravisCamera, probe_camera
 from acquisition.errors import CameraFeatureError
-from hil_mocks.gige.features import MAKERS, Maker
-from hil_mocks.gige.settings import GigeFaults
+from hil_mocks.gige._features import MAKERS, Maker
+from hil_mocks.gige._settings import GigeFaults
 from tests.acquisition.aravis_bench import camera_config, needs_aravis, opened, sent_image
 from tests.hil_mocks.gige_bench import gige_bench
 

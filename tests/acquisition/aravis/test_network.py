@@ -12,9 +12,9 @@ from threading import Thread
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.aravis import network
-from acquisition.aravis.description import LARGEST_BYTES, DescriptionError
-from acquisition.aravis.network import (
+from acquisition.aravis import _network as network
+from acquisition.aravis._description import LARGEST_BYTES, DescriptionError
+from acquisition.aravis._network import (
     ACCESS_DENIED,
     BLOCK_BYTES,
     BUSY,
@@ -35,8 +35,8 @@ from acquisition.errors import (
     DeviceInUseError,
     DeviceProtocolError,
 )
-from hil_mocks.gige.settings import GigeFaults
-from hil_mocks.gige.wire import GVCP_PORT, parse_command, parse_read_memory
+from hil_mocks.gige._settings import GigeFaults
+from hil_mocks.gige._wire import GVCP_PORT, parse_command, parse_read_memory
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis.description_texts import simulated, with_nodes
 from tests.hil_mocks.gige_bench import free_addresses, gige_bench

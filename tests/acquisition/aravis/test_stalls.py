@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis._camera import AravisCamera
 from acquisition.devices import DeviceInfo, Frame, StreamStatistics
 from acquisition.errors import (
     DeviceDisconnectedError,

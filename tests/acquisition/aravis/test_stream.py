@@ -11,8 +11,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from acquisition.aravis.device import AravisLibrary
-from acquisition.aravis.stream import (
+from acquisition.aravis._device import AravisLibrary
+from acquisition.aravis._stream import (
     SENTINEL,
     _decode_pixels,
     _encoded_bytes,

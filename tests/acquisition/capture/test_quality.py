@@ -8,9 +8,9 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from acquisition.capture.quality import _estimate_motion, check_capture, drift_between
-from acquisition.session.capture_files import CaptureImages
-from acquisition.session.record import CaptureRecord
+from acquisition.capture._quality import _estimate_motion, check_capture, drift_between
+from acquisition.session._capture_files import CaptureImages
+from acquisition.session._record import CaptureRecord
 from tests.acquisition.records import RECORD
 
 FRAMES = 10

@@ -11,8 +11,8 @@ import pytest
 import tifffile
 
 from acquisition.bench import BenchConfig, BenchDevices
-from acquisition.capture.quality import QualityFinding
-from acquisition.capture.runner import (
+from acquisition.capture._quality import QualityFinding
+from acquisition.capture._runner import (
     CaptureProgress,
     Placement,
     RunOperator,
@@ -33,8 +33,8 @@ from acquisition.errors import (
     StreamInterruptedError,
 )
 from acquisition.plan import CapturePlan, PlanEntry
-from acquisition.session.journal import Stamps
-from acquisition.session.reader import Session, verify
+from acquisition.session._journal import Stamps
+from acquisition.session._reader import Session, verify
 from tests.acquisition.fakes import (
     SETTINGS,
     FakeUids,
@@ -396,7 +396,7 @@ def test_where_even_the_journal_cannot_be_written_the_first_error_is_the_one_rai
         raise SessionError("journal full")
 
     def place(_: PlanEntry) -> Placement:
-        monkeypatch.setattr("acquisition.session.writer.SessionWriter.journal", full)
+        monkeypatch.setattr("acquisition.session._writer.SessionWriter.journal", full)
         raise DeviceError("first")
 
     with pytest.raises(DeviceError) as caught:

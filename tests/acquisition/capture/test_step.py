@@ -11,9 +11,9 @@ import tifffile
 from hypothesis import given, strategies as st
 
 from acquisition.bench import BenchDevices
-from acquisition.capture.quality import bracket_remarks
-from acquisition.capture.runner import RunOperator, RunSummary, run_plan
-from acquisition.capture.step import (
+from acquisition.capture._quality import bracket_remarks
+from acquisition.capture._runner import RunOperator, RunSummary, run_plan
+from acquisition.capture._step import (
     _bracket_exposures_us,
     _next_exposure,
     flicker_fraction,
@@ -21,9 +21,9 @@ from acquisition.capture.step import (
 )
 from acquisition.errors import PlanError, SessionError
 from acquisition.plan import CapturePlan, estimate_plan, plan_entries
-from acquisition.session.capture_files import read_capture
-from acquisition.session.reader import Session, verify
-from acquisition.session.record import CaptureRecord
+from acquisition.session._capture_files import read_capture
+from acquisition.session._reader import Session, verify
+from acquisition.session._record import CaptureRecord
 from hil_mocks import SimulatedBench
 from tests.acquisition.records import RECORD
 from tests.acquisition.session_fixtures import plan_of

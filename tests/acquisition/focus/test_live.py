@@ -8,8 +8,14 @@ from hypothesis import given, strategies as st
 
 from acquisition.devices import Frame
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
-from acquisition.focus.live import FocusMeter, FocusOptions, FocusReading, FocusTrace, newest_frames
-from acquisition.focus.measures import Region, focus_value
+from acquisition.focus._live import (
+    FocusMeter,
+    FocusOptions,
+    FocusReading,
+    FocusTrace,
+    newest_frames,
+)
+from acquisition.focus._measures import Region, focus_value
 from tests.acquisition.fakes import ScriptedCamera, frame
 
 BLACK_DN = 64.0

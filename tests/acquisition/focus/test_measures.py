@@ -7,8 +7,8 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 from acquisition.choices import FocusMeasure
-from acquisition.focus.live import _variance_between
-from acquisition.focus.measures import FOCUS_MEASURES, focus_value
+from acquisition.focus._live import _variance_between
+from acquisition.focus._measures import FOCUS_MEASURES, focus_value
 
 MEASURES: tuple[FocusMeasure, ...] = get_args(FocusMeasure)
 BLACK_DN = 64.0

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
-from acquisition.focus.measures import Region, focus_value
-from acquisition.focus.sweep import (
+from acquisition.focus._measures import Region, focus_value
+from acquisition.focus._sweep import (
     UNKNOWN_PUPIL,
     NoFocusPeakError,
     PupilOffset,

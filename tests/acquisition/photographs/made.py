@@ -18,8 +18,8 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from acquisition.photographs.photograph import Photograph
-from acquisition.photographs.reader import ReadOptions, read_photograph
+from acquisition.photographs._photograph import Photograph
+from acquisition.photographs._reader import ReadOptions, read_photograph
 
 Pixels = NDArray[Any]
 RNG = np.random.default_rng(4)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.photographs.decoding import DecodingError
-from acquisition.photographs.photograph import Photograph
-from acquisition.photographs.stored_image import PhotographFacts
-from acquisition.photographs.tiff import is_camera_raw, read_camera_raw
+from acquisition.photographs._decoding import DecodingError
+from acquisition.photographs._photograph import Photograph
+from acquisition.photographs._stored_image import PhotographFacts
+from acquisition.photographs._tiff import is_camera_raw, read_camera_raw
 from standoff.errors import ImageFileError
 from tests.acquisition.photographs.made import CELLS, THUMBNAIL_LEVEL, Dng, read
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.photographs.encoding import LINEAR
-from acquisition.photographs.photograph import Photograph
-from acquisition.photographs.reader import ReadOptions
+from acquisition.photographs._encoding import LINEAR
+from acquisition.photographs._photograph import Photograph
+from acquisition.photographs._reader import ReadOptions
 from calibration.edges import EdgeImage, edges_of_image, plane_places
 from simulation.arrays import FloatArray
 from tests.acquisition.photographs.made import (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from acquisition.photographs import linear_to_srgb, luma_plane, on_screen, white_level_dn
-from acquisition.photographs.encoding import LINEAR, SRGB, Encoding, ProfileError, read_profile
+from acquisition.photographs._encoding import LINEAR, SRGB, Encoding, ProfileError, read_profile
 from calibration.choices import Channel
 from tests.acquisition.photographs.made import (
     DISPLAY_P3,

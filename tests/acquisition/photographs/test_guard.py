@@ -18,14 +18,14 @@ import numpy as np
 import pytest
 import tifffile
 
-from acquisition.photographs.decoding import (
+from acquisition.photographs._decoding import (
     LARGEST_FILE_BYTES,
     GiantImageError,
     is_swollen,
     read_file,
     refuse_giant,
 )
-from acquisition.photographs.reader import photograph_of, read_photograph
+from acquisition.photographs._reader import photograph_of, read_photograph
 from standoff.errors import ArgumentError, ImageFileError
 from tests.acquisition.photographs.made import GREY, directory, grey_tags, pillow, png, tiff
 

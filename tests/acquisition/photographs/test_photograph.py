@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 import standoff
 from acquisition.photographs import LINEAR, ReadOptions, photograph_of, read_photograph
-from acquisition.photographs.encoding import REC601_LUMA
+from acquisition.photographs._encoding import REC601_LUMA
 from simulation.arrays import FloatArray
 from standoff.errors import ImageFileError
 

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import example, given, strategies as st
 from PIL import Image, ImageFile
 
-from acquisition.photographs.decoding import DecodingError
-from acquisition.photographs.encoding import SRGB
-from acquisition.photographs.raster import read_raster_image
-from acquisition.photographs.reader import ReadOptions
+from acquisition.photographs._decoding import DecodingError
+from acquisition.photographs._encoding import SRGB
+from acquisition.photographs._raster import read_raster_image
+from acquisition.photographs._reader import ReadOptions
 from standoff.errors import ImageFileError
 from tests.acquisition.photographs.made import (
     COLOUR,

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
-from acquisition.photographs.decoding import DecodingError
-from acquisition.photographs.raster import read_exr_image, read_fits_image
-from acquisition.photographs.reader import ReadOptions
+from acquisition.photographs._decoding import DecodingError
+from acquisition.photographs._raster import read_exr_image, read_fits_image
+from acquisition.photographs._reader import ReadOptions
 from standoff.errors import ImageFileError
 from tests.acquisition.photographs.made import COLOUR, GREY_16, read
 

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from PIL import Image
 
 from acquisition.photographs import read_photograph
-from acquisition.photographs.stored_image import PhotographFacts, is_srgb
+from acquisition.photographs._stored_image import PhotographFacts, is_srgb
 from tests.acquisition.photographs.made import (
     COLOUR,
     GREY,

@@ -13,11 +13,11 @@ import tifffile
 from hypothesis import example, given, strategies as st
 from PIL import Image
 
-from acquisition.photographs.decoding import DecodingError
-from acquisition.photographs.encoding import SRGB, Encoding
-from acquisition.photographs.reader import ReadOptions
-from acquisition.photographs.tiff import read_tiff_image
-from acquisition.session.capture_files import CaptureImages
+from acquisition.photographs._decoding import DecodingError
+from acquisition.photographs._encoding import SRGB, Encoding
+from acquisition.photographs._reader import ReadOptions
+from acquisition.photographs._tiff import read_tiff_image
+from acquisition.session._capture_files import CaptureImages
 from standoff.errors import ImageFileError
 from tests.acquisition.photographs.made import (
     COLOUR,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acquisition.errors import SessionError
-from acquisition.session.capture_files import (
+from acquisition.session._capture_files import (
     CaptureImages,
     capture_seal,
     frames_parts,
@@ -26,7 +26,7 @@ from acquisition.session.capture_files import (
     parse_capture,
     read_capture,
 )
-from acquisition.session.record import CaptureRecord, utc_text
+from acquisition.session._record import CaptureRecord, utc_text
 from tests.acquisition.records import PHOTOGRAPH, RECORD, capture_bytes, images
 
 X_RESOLUTION, RESOLUTION_UNIT, COMPRESSION = 282, 296, 259

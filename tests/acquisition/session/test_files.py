@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.files import (
+from acquisition.session._files import (
     atomic_write,
     clear_parts,
     part_of,
@@ -20,9 +20,9 @@ from acquisition.session.files import (
     write_new_hashed,
     write_shared,
 )
-from acquisition.session.reader import Session, verify
-from acquisition.session.repair import repair_session
-from acquisition.session.writer import SessionNotes
+from acquisition.session._reader import Session, verify
+from acquisition.session._repair import repair_session
+from acquisition.session._writer import SessionNotes
 from tests.acquisition.session_fixtures import whole_session, writer
 
 LETTERS = "0123456789abcdef" * 2

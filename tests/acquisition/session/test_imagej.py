@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.session.record import CaptureRecord
+from acquisition.session._record import CaptureRecord
 from tests.acquisition.records import RECORD, capture_bytes, images
 
 IMAGEJ_JAR = Path("/usr/share/java/ij.jar")

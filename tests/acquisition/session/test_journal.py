@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import (
+from acquisition.session._journal import (
     HEAD_NAME,
     LARGEST_LINE_BYTES,
     JournalEvent,
@@ -225,7 +225,7 @@ def test_a_second_writer_is_refused_until_the_first_has_closed(path: Path) -> No
 def test_the_lock_holds_between_processes_and_ends_with_them(path: Path) -> None:
     script = (
         "import sys, pathlib\n"
-        "from acquisition.session.journal import JournalWriter\n"
+        "from acquisition.session._journal import JournalWriter\n"
         "journal = JournalWriter(pathlib.Path(sys.argv[1]))\n"
         "print('locked', flush=True)\n"
         "sys.stdin.read()\n"

@@ -13,8 +13,8 @@ from typing import IO
 
 import pytest
 
-from acquisition.session.files import JOURNAL_NAME
-from acquisition.session.reader import Session, verify
+from acquisition.session._files import JOURNAL_NAME
+from acquisition.session._reader import Session, verify
 from tests.acquisition.capture_until_killed import HEIGHTS
 
 KILLS = 50

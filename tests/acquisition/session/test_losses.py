@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.files import JOURNAL_NAME
-from acquisition.session.journal import HEAD_NAME
-from acquisition.session.reader import verify
-from acquisition.session.repair import repair_session
+from acquisition.session._files import JOURNAL_NAME
+from acquisition.session._journal import HEAD_NAME
+from acquisition.session._reader import verify
+from acquisition.session._repair import repair_session
 from tests.acquisition.session_fixtures import add, plan_of, writer
 
 PLAN = plan_of(heights_mm=[100.0], targets=[{"kind": "flat", "target": "paper"}], repeats=2)

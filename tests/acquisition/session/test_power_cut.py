@@ -6,9 +6,9 @@ from shutil import rmtree
 
 import pytest
 
-from acquisition.session.journal import Stamps
-from acquisition.session.reader import Session, verify
-from acquisition.session.writer import SessionNotes
+from acquisition.session._journal import Stamps
+from acquisition.session._reader import Session, verify
+from acquisition.session._writer import SessionNotes
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.session_fixtures import add, writer
 from tests.acquisition.simulated_disk import DiskOp, DiskRecorder, DiskState, states

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import (
+from acquisition.session._journal import (
     HEAD_NAME,
     EventKind,
     JournalEvent,
@@ -15,9 +15,9 @@ from acquisition.session.journal import (
     JournalWriter,
     Stamps,
 )
-from acquisition.session.reader import Session, _FileCheck, verify
-from acquisition.session.repair import repair_session
-from acquisition.session.writer import SessionNotes
+from acquisition.session._reader import Session, _FileCheck, verify
+from acquisition.session._repair import repair_session
+from acquisition.session._writer import SessionNotes
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.journals import chained_journal, cut_last_line
 from tests.acquisition.session_fixtures import (

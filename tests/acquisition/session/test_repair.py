@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.capture_files import capture_seal
-from acquisition.session.journal import HEAD_NAME, JournalWriter, Stamps
-from acquisition.session.reader import Session, verify
-from acquisition.session.record import CaptureRecord
-from acquisition.session.repair import repair_session
-from acquisition.session.writer import SessionNotes
+from acquisition.session._capture_files import capture_seal
+from acquisition.session._journal import HEAD_NAME, JournalWriter, Stamps
+from acquisition.session._reader import Session, verify
+from acquisition.session._record import CaptureRecord
+from acquisition.session._repair import repair_session
+from acquisition.session._writer import SessionNotes
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.session_fixtures import whole_session, writer
 

@@ -12,11 +12,11 @@ import pytest
 
 from acquisition.bench import BenchConfig
 from acquisition.errors import SessionError
-from acquisition.session.journal import HEAD_NAME
-from acquisition.session.reader import Session, verify
-from acquisition.session.record import Photograph
-from acquisition.session.repair import repair_session
-from acquisition.session.writer import SessionWriter
+from acquisition.session._journal import HEAD_NAME
+from acquisition.session._reader import Session, verify
+from acquisition.session._record import Photograph
+from acquisition.session._repair import repair_session
+from acquisition.session._writer import SessionWriter
 from tests.acquisition.journals import cut_last_line
 from tests.acquisition.session_fixtures import (
     DEVICES,

@@ -18,7 +18,9 @@ from acquisition.errors import (
     StageStalledError,
     StageStoppedError,
 )
-from acquisition.stages.grbl import OFFSET_REPORTS, reference_error_mm
+from acquisition.stages._grbl import OFFSET_REPORTS, reference_error_mm
+from acquisition.stages._grbl_setup import GrblSetup
+from acquisition.stages._motor import STOP_TIMEOUT_S, MotorStage, halt, travel
 from acquisition.stages.grbl_controller import (
     _Heard,
     _no_version_error,
@@ -26,7 +28,6 @@ from acquisition.stages.grbl_controller import (
     _too_old_error,
     waiting_error,
 )
-from acquisition.stages.grbl_setup import GrblSetup
 from acquisition.stages.grbl_wire import (
     JOG_CANCEL,
     Alarm,
@@ -35,7 +36,6 @@ from acquisition.stages.grbl_wire import (
     StatusReport,
     parse_line,
 )
-from acquisition.stages.motor import STOP_TIMEOUT_S, MotorStage, halt, travel
 from tests.acquisition.scripted_grbl import (
     CONFIG,
     Answer,

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from acquisition.bench import StageConfig
 from acquisition.errors import DeviceProtocolError, DeviceSettingsError
-from acquisition.stages.grbl_setup import (
+from acquisition.stages._grbl_setup import (
     _WorkEnvelope,
     check_settings,
     expected_envelopes,

@@ -16,7 +16,7 @@ from acquisition.errors import (
     DeviceProtocolError,
     DeviceTimeoutError,
 )
-from acquisition.stages.serial_link import SerialLink, _SerialPort, _WireLog, open_serial_port
+from acquisition.stages._serial_link import SerialLink, _SerialPort, _WireLog, open_serial_port
 from tests.busy_machine import BUSY_S
 
 

@@ -13,8 +13,8 @@ from acquisition.errors import (
     StageLimitError,
     StageNotHomedError,
 )
-from acquisition.stages.control import ManualStage
-from acquisition.stages.motor import (
+from acquisition.stages._control import ManualStage
+from acquisition.stages._motor import (
     _approach_heights_mm,
     home_timeout_s,
     move_timeout_s,

@@ -15,7 +15,7 @@ from acquisition.errors import (
     DeviceSettingsError,
     DeviceTimeoutError,
 )
-from acquisition.stages.serial_link import SerialLink
+from acquisition.stages._serial_link import SerialLink
 from acquisition.stages.zaber import (
     READ_TRIES,
     _ZaberAlert,

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from analysis.changes import Change
-from analysis.changes.change_list import list_changes
-from analysis.changes.comparison import Comparison
-from analysis.changes.levels import detection_levels
+from analysis.changes._change_list import list_changes
+from analysis.changes._comparison import Comparison
+from analysis.changes._levels import detection_levels
+from analysis.changes._regions import LinkedRegion, link_levels
 from analysis.changes.matching import FittedScatter, Smoothing, WhiteNoiseGain
-from analysis.changes.regions import LinkedRegion, link_levels
 from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 

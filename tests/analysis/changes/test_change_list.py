@@ -9,7 +9,7 @@ from hypothesis import example, given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
-from analysis.changes.comparison import Comparison
+from analysis.changes._comparison import Comparison
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import (
     at_rest,

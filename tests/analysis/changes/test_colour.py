@@ -17,8 +17,8 @@ from analysis.changes import (
     changes_between,
     significance_threshold,
 )
-from analysis.changes.colour import SeenDifference, to_luma_red_blue, to_rgb
-from analysis.changes.significance import as_significance, joint_share, norm_at
+from analysis.changes._colour import SeenDifference, to_luma_red_blue, to_rgb
+from analysis.changes._significance import as_significance, joint_share, norm_at
 
 ByteImage = NDArray[np.uint8]
 NOISE_DN = 3.0

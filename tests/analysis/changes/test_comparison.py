@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from analysis.changes import ChangeOptions, FilterWidth, changes_between, significance_threshold
-from analysis.changes.comparison import Comparison, compare
+from analysis.changes._comparison import Comparison, compare
 from benchmarks.truth.lenses import f_number, gaussian
 from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene, seen_spot
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration._distorted_pose import DistortedPose
 from simulation.arrays import FloatArray, FloatImage
 from tests.analysis.changes.compared_fields import at_rest
 

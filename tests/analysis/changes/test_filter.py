@@ -19,13 +19,13 @@ from analysis.changes import (
     read_changes,
     significance_threshold,
 )
-from analysis.changes.filter import ChangeMasks, change_warnings
+from analysis.changes._filter import ChangeMasks, change_warnings
 from analysis.detection_limits import level_text
 from analysis.errors import AnalysisError, OverlapError
 from analysis.reports import plot_changes
 from analysis.results_file import write_results
 from benchmarks.scoring import roc_of
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration._distorted_pose import DistortedPose
 from simulation import GaussianPsf
 from simulation.arrays import BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise

@@ -8,15 +8,15 @@ from hypothesis import given, settings, strategies as st
 from scipy.special import ndtr
 
 from analysis.changes import FilterWidth, detection_power, height_for, significance_threshold
-from analysis.changes.levels import DetectionLevel, LimitMaps, detection_levels, detection_limit
-from analysis.changes.regions import (
+from analysis.changes._levels import DetectionLevel, LimitMaps, detection_levels, detection_limit
+from analysis.changes._regions import (
     connected_regions,
     discovery_threshold,
     link_levels,
     pixels_of,
     q_values,
 )
-from analysis.changes.significance import equally_strict, exceeded_share, expected_peaks, response
+from analysis.changes._significance import equally_strict, exceeded_share, expected_peaks, response
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import (
     at_rest,
@@ -343,7 +343,7 @@ def test_wide_smoothing_leaves_the_euler_characteristic() -> None:
 
 def test_q_values_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     by_chance = np.array([0.001, 0.03, 0.02, 0.4, 9.0])
-    monkeypatch.setattr("analysis.changes.regions.expected_peaks", lambda *_: by_chance)
+    monkeypatch.setattr("analysis.changes._regions.expected_peaks", lambda *_: by_chance)
     # Over ranks: .001, .015, .00667, .1, 1.8; each the least from it on, and at most 1.
     found = q_values(np.zeros(5), 1000, ())
     assert found == pytest.approx([0.001, 0.02 / 3, 0.02 / 3, 0.1, 1.0])

@@ -20,9 +20,9 @@ from analysis.changes.matching import (
     spline_coefficients,
     white_noise_gain,
 )
-from analysis.changes.matching.matching_kernel import NormalEquations, design_matrix
+from analysis.changes.matching._matching_kernel import NormalEquations, design_matrix
+from analysis.changes.matching._variance import fit_sizes
 from analysis.changes.matching.relative_blur import relative_blur
-from analysis.changes.matching.variance import fit_sizes
 from simulation import GaussianPsf
 from simulation.arrays import Float32Array, FloatArray, FloatImage
 

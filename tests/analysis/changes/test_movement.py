@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.special import erf
 
-from analysis.changes.movements import ChangedRegion, Movement, find_movements
-from analysis.changes.trial import Images, shift_information
+from analysis.changes._movements import ChangedRegion, Movement, find_movements
+from analysis.changes._trial import Images, shift_information
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import smoothed_noise, smoothed_spot
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
 from analysis.changes import ChangeOptions, changes_between
-from analysis.changes.photograph_pair import clipped_at_white, nearest_shift, one_view, unusable
+from analysis.changes._photograph_pair import clipped_at_white, nearest_shift, one_view, unusable
 from analysis.errors import OverlapError
 from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import FloatArray

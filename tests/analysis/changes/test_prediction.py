@@ -17,10 +17,10 @@ from analysis.changes import (
     describe_prediction,
     smoothing_for,
 )
-from analysis.changes.comparison import Comparison
-from analysis.changes.levels import LimitMaps, detection_levels
+from analysis.changes._comparison import Comparison
+from analysis.changes._levels import LimitMaps, detection_levels
+from analysis.changes._prediction import meet
 from analysis.changes.matching import KERNEL_RADIUS_PX, Smoothing, WhiteNoiseGain, white_noise_gain
-from analysis.changes.prediction import meet
 from analysis.detectability import DetectionTask, GaussianSignal, curves_of_images, expected_limits
 from analysis.detection_limits import PredictedLimit
 from benchmarks.truth.lenses import gaussian

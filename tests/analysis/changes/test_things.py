@@ -13,9 +13,9 @@ from analysis.changes import (
     changes_between,
     describe_least,
 )
-from analysis.changes.change_list import large_enough
-from analysis.changes.comparison import Comparison
-from analysis.changes.things import moved_apart
+from analysis.changes._change_list import large_enough
+from analysis.changes._comparison import Comparison
+from analysis.changes._things import moved_apart
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import (

@@ -17,7 +17,7 @@ from analysis.detectability import (
     scene_residual,
     scene_sums,
 )
-from analysis.detectability.compared import comparison_filters
+from analysis.detectability._compared import comparison_filters
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 

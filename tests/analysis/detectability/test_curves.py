@@ -36,7 +36,7 @@ from analysis.detectability import (
     read_curves,
     scene_sums,
 )
-from analysis.detectability.curves import registration_spread
+from analysis.detectability._curves import registration_spread
 from analysis.errors import NotDetectableError, ResultsFileError
 from analysis.reports import plot_detectability, png_bytes, svg_bytes
 from analysis.results_file import write_results

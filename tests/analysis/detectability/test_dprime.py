@@ -31,8 +31,8 @@ from analysis.detectability import (
     observer_templates,
     scene_artefact,
 )
-from analysis.detectability.artefact import DenseCovariance, artefact_tiles
-from analysis.detectability.scenario import signal_offsets_px
+from analysis.detectability._artefact import DenseCovariance, artefact_tiles
+from analysis.detectability._scenario import signal_offsets_px
 from simulation import GaussianPsf, Model
 from simulation.arrays import FloatArray
 from tests.analysis.detectability_trials import run_trials

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.detectability.sweep import ExactSum, on_own_grid
+from analysis.detectability._sweep import ExactSum, on_own_grid
 
 NUMBERS = st.lists(st.floats(-1e60, 1e60, allow_subnormal=False), min_size=1, max_size=12)
 

@@ -28,7 +28,7 @@ from analysis.detectability import (
     scene_sums,
     tiles_per_side,
 )
-from analysis.detectability.sweep import StoredSums, SummedPhotographs
+from analysis.detectability._sweep import StoredSums, SummedPhotographs
 from analysis.errors import AnalysisError, RefusedPhotographError, ResultsFileError
 from analysis.sweep import Manifest, Records, Stored, SweepOptions, run_sweep
 from simulation import GaussianPsf
@@ -338,7 +338,7 @@ KILLS = 10
 CLIENT = """
 import sys, time
 from pathlib import Path
-from analysis.detectability.sweep import ArtefactWork
+from analysis.detectability._sweep import ArtefactWork
 from analysis.sweep import Manifest, SweepOptions, run_sweep
 from tests.analysis.detectability.test_sweep import PLAN, load
 

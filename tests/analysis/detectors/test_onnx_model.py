@@ -8,7 +8,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from analysis.detectors import DetectorSpec, followup_view, open_detector, takes_colour
-from analysis.detectors.onnx_model import onnx_detector
+from analysis.detectors._onnx_model import onnx_detector
 from analysis.errors import DetectorError, DetectorFault
 from simulation.arrays import Float32Array
 

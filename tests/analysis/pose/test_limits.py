@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from analysis.pose import ViewingCamera, limits_of_curve
-from analysis.pose.limits import local_sampling, worst_zoom
+from analysis.pose._limits import local_sampling, worst_zoom
 from tests.analysis.detectability.test_curves import on_zooms
 
 CAMERA = ViewingCamera(focal_length_px=800.0, width_px=640, height_px=480)

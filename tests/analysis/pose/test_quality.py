@@ -18,7 +18,7 @@ from analysis.pose import (
     pose_quality,
     verdict_of,
 )
-from analysis.pose.limits import local_sampling, shift_overlap, worst_zoom
+from analysis.pose._limits import local_sampling, shift_overlap, worst_zoom
 from analysis.reports import plot_limits, plot_pose
 from calibration.registration import DistortedPose
 from simulation import SamplingGrid

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition.session.reader import Session
-from analysis.reports.bench import (
+from acquisition.session._reader import Session
+from analysis.reports._bench import (
     NoiseSample,
     captures_section,
     noise_section,

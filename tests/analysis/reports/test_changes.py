@@ -18,9 +18,9 @@ from analysis.change_series import (
     TrackPoint,
 )
 from analysis.changes import FilterWidth, describe_focus
-from analysis.changes.document import ChangeSummary
-from analysis.changes.filter import ChangeMasks, ChangeResult
-from analysis.changes.plot import changes_figure
+from analysis.changes._document import ChangeSummary
+from analysis.changes._filter import ChangeMasks, ChangeResult
+from analysis.changes._plot import changes_figure
 from analysis.reports import (
     ColourPair,
     changes_report,
@@ -29,8 +29,8 @@ from analysis.reports import (
     series_report,
     view_figures,
 )
-from analysis.reports.change_pictures import LONGEST_SIDE_PX
-from analysis.reports.change_series import plot_track_map
+from analysis.reports._change_pictures import LONGEST_SIDE_PX
+from analysis.reports._change_series import plot_track_map
 from simulation.arrays import BoolArray, FloatArray
 from tests.analysis.changes.compared_fields import at_rest, change_at
 from tests.analysis.html_page import Page

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from analysis.reports import geometry_sections, geometry_verdicts, png_bytes
-from analysis.reports.geometry import (
+from analysis.reports._geometry import (
     plot_distortion,
     plot_scale_by_height,
     plot_squareness,

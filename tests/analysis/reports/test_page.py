@@ -11,7 +11,7 @@ from analysis.reports import (
     new_figure,
     png_bytes,
 )
-from analysis.reports.page import CONVENTION, ReportFigure, ReportFront, ReportTable, Verdict
+from analysis.reports._page import CONVENTION, ReportFigure, ReportFront, ReportTable, Verdict
 from tests.analysis.html_page import Page
 
 NASTY = '<script src="https://example.org/x.js">alert("µ & co")</script>'

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from acquisition.files import Provenance
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from analysis.reports import (
     calibration_front,
     calibration_sections,
@@ -14,7 +14,7 @@ from analysis.reports import (
     plot_history,
     verdict_section,
 )
-from analysis.reports.psf_field import field_section, widths_section
+from analysis.reports._psf_field import field_section, widths_section
 from calibration.edges import EdgeMeasurement
 from calibration.psf import CameraIdentity, FieldFit, PsfCalibration
 from calibration.sharpness import SharpnessLimits, reported_mtf50

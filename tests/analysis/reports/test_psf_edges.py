@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from matplotlib.figure import Figure
 
-from analysis.reports.psf_edges import (
+from analysis.reports._psf_edges import (
     LABEL_POINTS,
     curves_section,
     placed_labels,
@@ -86,7 +86,7 @@ def test_the_softest_and_the_sharpest_edge_are_always_among_those_shown(
         shown.extend(edges)
         return plot_curves_of_edges(edges[:1], has_image=has_image)
 
-    monkeypatch.setattr("analysis.reports.psf_edges.plot_curves_of_edges", keep)
+    monkeypatch.setattr("analysis.reports._psf_edges.plot_curves_of_edges", keep)
     rng = np.random.default_rng(3)
     edges = [
         edge.model_copy(update={"x_px": x, "y_px": y, "esfr_mtf50_cy_per_px": mtf50})

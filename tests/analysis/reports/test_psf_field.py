@@ -3,7 +3,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from analysis.reports.psf_field import (
+from analysis.reports._psf_field import (
     field_map_section,
     lateral_colour_section,
     plot_by_radius,

@@ -3,10 +3,10 @@ from pathlib import Path
 import pytest
 
 from acquisition.session import Session
-from analysis.reports.bench import versions
-from analysis.reports.page import CONVENTION
-from analysis.reports.session import SessionNotes, session_report, with_curves
-from analysis.validation.document import ExcludedCapture, Validation
+from analysis.reports._bench import versions
+from analysis.reports._page import CONVENTION
+from analysis.reports._session import SessionNotes, session_report, with_curves
+from analysis.validation._document import ExcludedCapture, Validation
 from calibration.psf import PsfCalibration
 from calibration.sharpness import SharpnessLimits
 from tests.acquisition.session_fixtures import whole_session

@@ -23,7 +23,7 @@ from analysis.sweep import (
     SweepWork,
     run_sweep,
 )
-from analysis.sweep.work import do_batch
+from analysis.sweep._work import do_batch
 from tests.analysis.sweep.hashing import Hashing, answers, photographs
 
 PATHS = [Path(f"/nowhere/{number}.png") for number in range(150)]

@@ -4,7 +4,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.sweep import items, sorted_lines
+from analysis.sweep import _items as items, sorted_lines
 
 LINES = st.lists(st.binary(max_size=3).map(lambda line: line.replace(b"\n", b"") + b"\n"))
 

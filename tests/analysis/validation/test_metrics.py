@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 
 from analysis.errors import OverlapError
 from analysis.validation import compare_images, process_for_comparison, scaled_up
-from analysis.validation.metrics import (
+from analysis.validation._metrics import (
     bicubic_at,
     correlation,
     crop_centre_half,

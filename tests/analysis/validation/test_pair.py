@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from analysis.choices import ValidationModel
-from analysis.validation.kernels import ModelInputs
-from analysis.validation.metrics import ImageMetrics
-from analysis.validation.pair import AlignedPair, Expectation, PairErrors, PairMetrics, compare_pair
-from analysis.validation.session import mean_metrics
+from analysis.validation._kernels import ModelInputs
+from analysis.validation._metrics import ImageMetrics
+from analysis.validation._pair import (
+    AlignedPair,
+    Expectation,
+    PairErrors,
+    PairMetrics,
+    compare_pair,
+)
+from analysis.validation._session import mean_metrics
 from calibration.registration import DistortedPose, Registration, register_images
 from simulation import MODELS, GaussianPsf, zoom_out_on_grid
 from simulation.arrays import FloatArray

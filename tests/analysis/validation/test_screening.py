@@ -4,7 +4,7 @@ import pytest
 
 from acquisition.session import Session
 from analysis.validation import NothingToCompareError, registrations_at_most, screen
-from analysis.validation.screening import Screening, series_of
+from analysis.validation._screening import Screening, series_of
 from tests.acquisition.session_fixtures import whole_session
 from tests.analysis.bench_session import chart_session
 from tests.analysis.height_series import PSF, height_series

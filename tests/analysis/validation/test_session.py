@@ -30,14 +30,14 @@ from analysis.validation import (
     trainings_needed,
     validated,
 )
-from analysis.validation.document import (
+from analysis.validation._document import (
     PAPER_TABLE_1,
     PAPER_TABLE_2,
     VALIDATION_SCHEMA,
     fit_remarks,
 )
-from analysis.validation.metrics import PROCEDURES
-from analysis.validation.session import curve_differences
+from analysis.validation._metrics import PROCEDURES
+from analysis.validation._session import curve_differences
 from calibration.psf import PsfCalibration
 from simulation import GaussianPsf
 from tests.analysis.height_series import LARGE_SHAPE, PSF, height_series

@@ -15,11 +15,15 @@ from scipy.optimize import brentq
 
 from acquisition.bench import load_bench
 from calibration.blind import calibrate_from_distances, calibrate_from_scene
-from calibration.blind.calibration import FEWEST_EDGES, _fit_sharpest_widths, _log_modified_gaussian
+from calibration.blind._calibration import (
+    FEWEST_EDGES,
+    _fit_sharpest_widths,
+    _log_modified_gaussian,
+)
 from calibration.edges import EdgeImage, Region
 from calibration.errors import NoEdgeError, PairError
 from calibration.noise import LevelNoise
-from calibration.psf.document import PsfCalibration
+from calibration.psf._document import PsfCalibration
 from hil_mocks.truth import BenchTruth, CameraPose
 from simulation.arrays import FloatArray
 from tests.calibration.blob_scene import blob_photograph

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibration.edges import EdgeSegment, find_edges
-from calibration.edges.detection import beside_target
+from calibration.edges._detection import beside_target
 from simulation.arrays import BoolArray, FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
 from tests.calibration.squares import square_cover

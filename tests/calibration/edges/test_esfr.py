@@ -15,7 +15,7 @@ from calibration.edges import (
     measure_esfr,
     pixel_mtf50,
 )
-from calibration.edges.esfr import EdgeSfr, is_aliased, widest_gap_px
+from calibration.edges._esfr import EdgeSfr, is_aliased, widest_gap_px
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, pixel_edge, point_edge
 from tests.calibration.diffraction import diffracted_edge, system_mtf, system_mtf50

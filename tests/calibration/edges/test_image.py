@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from calibration.choices import PATTERNS, Pattern
 from calibration.edges import EdgeImage, EdgeSelection, Region, find_edges, fit_edge, plane_places
-from calibration.edges.image import _optical_of_total, in_sensor_pixels
+from calibration.edges._image import _optical_of_total, in_sensor_pixels
 from calibration.errors import NoEdgeError
 from calibration.psf import calibrate_mosaic
 from simulation.arrays import FloatArray

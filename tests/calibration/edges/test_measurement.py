@@ -26,7 +26,7 @@ from calibration.edges import (
 from calibration.edges.measurement import BIN_PX, _lsf_fit, _told_apart
 from calibration.errors import NoEdgeError, PsfFileError
 from calibration.psf import PsfCalibration, psf_of_images
-from calibration.psf.covariance import median_width
+from calibration.psf._covariance import median_width
 from hil_mocks import BenchTruth
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, pixel_edge

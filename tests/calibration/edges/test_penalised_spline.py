@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.edges.penalised_spline import (
+from calibration.edges._penalised_spline import (
     SplineFit,
     curve_values,
     fit_penalised_spline,

@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from scipy.special import log_ndtr, ndtr
 
 from calibration.edges import EdgeImage, edges_of_image, gaussian_mtf50
-from calibration.edges.residuals import (
+from calibration.edges._residuals import (
     Rounding,
     _outlier_weights,
     level_steps,
@@ -15,7 +15,7 @@ from calibration.edges.residuals import (
     profile_flags,
     rounding_bias,
 )
-from calibration.edges.rounded import _interval_terms
+from calibration.edges._rounded import _interval_terms
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
 

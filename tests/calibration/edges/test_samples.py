@@ -23,7 +23,7 @@ from calibration.edges import (
     fit_edge,
     roughness_px,
 )
-from calibration.edges.samples import _Deviations, _deviations
+from calibration.edges._samples import _Deviations, _deviations
 from calibration.errors import NoEdgeError
 from calibration.psf import psf_of_images
 from simulation.arrays import FloatArray

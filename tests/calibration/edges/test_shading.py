@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from calibration.edges import EdgeImage, EdgeLine, edges_of_image, pixel_mtf50
-from calibration.edges.shading import _Shading, is_even, slope_left, slopes_across
+from calibration.edges._shading import _Shading, is_even, slope_left, slopes_across
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.squares import square_cover

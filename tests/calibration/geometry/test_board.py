@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from calibration.geometry import Levelling, level_by_board, level_by_focus
-from calibration.geometry.board import BoardCorners, _fit_corners, _FittedCorners
+from calibration.geometry._board import BoardCorners, _fit_corners, _FittedCorners
 from simulation.arrays import FloatArray
 
 SHAPE = (60, 80)

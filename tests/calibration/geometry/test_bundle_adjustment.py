@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.geometry.bundle_adjustment import Adjustment, PlaneMatches, adjust
-from calibration.geometry.calibration import _stage_axis
-from calibration.geometry.pupil import PupilFit, SeriesDistances, _fit_pupil
+from calibration.geometry._bundle_adjustment import Adjustment, PlaneMatches, adjust
+from calibration.geometry._calibration import _stage_axis
+from calibration.geometry._pupil import PupilFit, SeriesDistances, _fit_pupil
 from tests.calibration.geometry_bench import (
     FOCAL_PX,
     HEIGHTS_MM,

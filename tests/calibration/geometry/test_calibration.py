@@ -10,9 +10,9 @@ import pytest
 from calibration.errors import GeometryError, RegistrationError
 from calibration.files import read_geometry, write_geometry
 from calibration.geometry import GeometryCapture
-from calibration.geometry.board import CharucoBoard, find_board
-from calibration.geometry.calibration import GeometryOptions, geometry_of_captures
-from calibration.geometry.document import GEOMETRY_SCHEMA, GeometryCalibration
+from calibration.geometry._board import CharucoBoard, find_board
+from calibration.geometry._calibration import GeometryOptions, geometry_of_captures
+from calibration.geometry._document import GEOMETRY_SCHEMA, GeometryCalibration
 from hil_mocks.truth.render import CameraPose
 from tests.calibration.geometry_bench import (
     FOCAL_PX,

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from calibration.geometry import PlaneLens
-from calibration.geometry.bundle_adjustment import CapturePose
+from calibration.geometry._bundle_adjustment import CapturePose
 from hil_mocks.truth.render import CameraPose
 from tests.calibration.geometry_bench import FOCAL_PX, HEIGHT_PX, PUPIL_MM, WIDTH_PX, pinhole
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from calibration.geometry import GeometryCalibration
+from calibration.geometry._document import CrossValidation
+from calibration.geometry._pupil import without_outliers
 from calibration.geometry.cross_validation import cross_validation
-from calibration.geometry.document import CrossValidation
-from calibration.geometry.pupil import without_outliers
 from tests.calibration.exact_survey import Survey
 from tests.calibration.faulty_survey import Fault, surveyed
 from tests.calibration.geometry_bench import HEIGHTS_MM, poses_over

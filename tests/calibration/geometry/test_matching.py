@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry import GeometryCapture, PlaneLens
-from calibration.geometry.matching import _match_textures, _MatchedSeries
+from calibration.geometry._matching import _match_textures, _MatchedSeries
 from simulation.arrays import FloatArray
 from tests.simulation.closed_form import photograph, random_scene
 

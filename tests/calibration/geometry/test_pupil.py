@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibration.errors import GeometryError
-from calibration.geometry.pupil import (
+from calibration.geometry._pupil import (
     HEIGHT_FLOOR_MM,
     ConsistentSeries,
     SeriesDistances,

@@ -9,9 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.errors import GeometryError, RegistrationError
-from calibration.geometry import DEFAULT_BOARD, CharucoBoard, matching, nominal_focal_px
-from calibration.geometry.board import BoardCorners
-from calibration.geometry.matching import adjust_captures
+from calibration.geometry import (
+    DEFAULT_BOARD,
+    CharucoBoard,
+    _matching as matching,
+    nominal_focal_px,
+)
+from calibration.geometry._board import BoardCorners
+from calibration.geometry._matching import adjust_captures
 from hil_mocks.truth.render import CameraPose
 from tests.acquisition.session_fixtures import session_with
 from tests.calibration.edge_session import edge_session

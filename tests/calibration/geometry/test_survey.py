@@ -16,12 +16,12 @@ from calibration.geometry import (
     GeometryCapture,
     GeometryOptions,
     PlaneLens,
-    calibration,
+    _calibration as calibration,
     geometry_of_captures,
 )
-from calibration.geometry.bundle_adjustment import Exclusion
-from calibration.geometry.calibration import length_of
-from calibration.geometry.matching import _MatchedCaptures
+from calibration.geometry._bundle_adjustment import Exclusion
+from calibration.geometry._calibration import length_of
+from calibration.geometry._matching import _MatchedCaptures
 from tests.calibration.exact_survey import Survey
 from tests.calibration.geometry_bench import FOCAL_PX, HEIGHTS_MM, PUPIL_MM, poses_over
 

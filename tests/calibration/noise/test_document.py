@@ -21,7 +21,7 @@ from calibration.noise import (
     noise_of_captures,
     write_map_files,
 )
-from calibration.noise.document import (
+from calibration.noise._document import (
     DARK_DEFECT,
     NOISE_DEFECT,
     RESPONSE_DEFECT,

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from calibration.errors import NoiseError
 from calibration.noise import noise_of_captures
-from calibration.noise.document import NOISE_DEFECT
-from calibration.noise.measurement import _noise_records
+from calibration.noise._document import NOISE_DEFECT
+from calibration.noise._measurement import _noise_records
 from tests.acquisition.session_fixtures import session_with
 from tests.calibration.noise_session import DARKS_US, FLATS_US, FRAMES, SHAPE, noise_session
 from tests.calibration.poisson_frames import BLACK_DN, GAIN_E_PER_DN, READ_NOISE_E

@@ -16,8 +16,8 @@ from calibration.noise import (
     fit_level_noise,
     fit_photon_transfer,
 )
-from calibration.noise.measurement import _VarianceByLevel
-from calibration.noise.photon_transfer import _measure_linearity
+from calibration.noise._measurement import _VarianceByLevel
+from calibration.noise._photon_transfer import _measure_linearity
 from simulation.arrays import FloatArray
 from tests.calibration.poisson_frames import (
     BLACK_DN,

@@ -20,7 +20,7 @@ from calibration.edges import (
 )
 from calibration.errors import NoEdgeError
 from calibration.psf import psf_of_images
-from calibration.psf.calibration import _psf_of_edges
+from calibration.psf._calibration import _psf_of_edges
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_photographs import (

@@ -7,8 +7,8 @@ import pytest
 
 from calibration.edges import EdgeMeasurement
 from calibration.psf import HeightTrend, psf_of_images
-from calibration.psf.calibration import _psf_of_edges
-from calibration.psf.consistency import _check_edges, _check_heights, fit_height_trend
+from calibration.psf._calibration import _psf_of_edges
+from calibration.psf._consistency import _check_edges, _check_heights, fit_height_trend
 from tests.calibration.edge_photographs import photographs
 from tests.calibration.known import known
 from tests.calibration.psf.measured_edges import edge, series, square

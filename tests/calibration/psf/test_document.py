@@ -23,7 +23,7 @@ from calibration.psf import (
     PsfOrigin,
     psf_of_images,
 )
-from calibration.psf.document import PSF_SCHEMA, PsfWidths
+from calibration.psf._document import PSF_SCHEMA, PsfWidths
 from simulation.arrays import FloatArray
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG, photographs
 from tests.calibration.known import known

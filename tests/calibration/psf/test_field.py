@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.psf import FieldFit, psf_of_images
-from calibration.psf.field import FieldEdges, field_or_reason, fit_psf_field
+from calibration.psf._field import FieldEdges, field_or_reason, fit_psf_field
 from simulation.arrays import FloatArray
 from simulation.psf.shapes import PsfField
 from tests.calibration.edge_field import COLS, FIELD, ROWS, frame_of_edges

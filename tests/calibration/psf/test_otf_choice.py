@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.edges import BinnedEdge, edges_of_image
-from calibration.psf.otf_forms import ELLIPTIC, EdgeStack, StackedBins
-from calibration.psf.transfer_2d import _choose_otf, _distinct_directions_deg, _widest_gap_deg
+from calibration.psf._otf_forms import ELLIPTIC, EdgeStack, StackedBins
+from calibration.psf._transfer_2d import _choose_otf, _distinct_directions_deg, _widest_gap_deg
 from simulation.arrays import FloatArray
 from tests.calibration.known import known
 from tests.calibration.lens_edges import AstigmaticLens, Lens, edge_photographs, pupil_transfer

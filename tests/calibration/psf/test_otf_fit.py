@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from calibration.edges import BinnedEdge, bin_centres_px
-from calibration.psf.otf_fit import OtfFit, fit_form, pooled, settled
-from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, ROUND, EdgeStack, StackedBins
-from calibration.psf.transfer_2d import _choose_otf
+from calibration.psf._otf_fit import OtfFit, fit_form, pooled, settled
+from calibration.psf._otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, ROUND, EdgeStack, StackedBins
+from calibration.psf._transfer_2d import _choose_otf
 from simulation.arrays import FloatArray
 from tests.calibration.known import known
 from tests.calibration.lens_edges import Lens, profile

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.psf.otf_forms import (
+from calibration.psf._otf_forms import (
     ASTIGMATIC,
     AXIAL,
     AXIAL_GAUSSIAN,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.psf import fit_covariance
-from calibration.psf.covariance import CovarianceFit
-from calibration.psf.repeatability import FocusScatter, SharedByCapture, capture_of, without_blur
+from calibration.psf._covariance import CovarianceFit
+from calibration.psf._repeatability import FocusScatter, SharedByCapture, capture_of, without_blur
 from simulation.arrays import FloatArray, IntArray
 from tests.calibration.psf.measured_edges import edge
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.psf import fit_covariance, measure_softness
-from calibration.psf.calibration import _psf_of_edges
-from calibration.psf.softness import _capture_scales, side_px
+from calibration.psf._calibration import _psf_of_edges
+from calibration.psf._softness import _capture_scales, side_px
 from tests.calibration.known import known
 from tests.calibration.psf.measured_edges import FOCAL_PX, PUPIL_MM, SIDE_MM, edge, series, square
 

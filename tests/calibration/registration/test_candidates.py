@@ -18,11 +18,11 @@ from calibration.registration import (
     FeatureMatches,
     RefinedPose,
     RegistrationHints,
+    _pair as pair_module,
     block_votes,
-    pair as pair_module,
     register_images,
 )
-from calibration.registration.candidates import (
+from calibration.registration._candidates import (
     ELSEWHERE_MOST,
     Candidate,
     Choice,
@@ -30,10 +30,10 @@ from calibration.registration.candidates import (
     looked_again,
     second_look,
 )
-from calibration.registration.distorted_pose import SmoothDisplacement
-from calibration.registration.features import features_of
-from calibration.registration.hypotheses import PoseHypothesis
-from calibration.registration.refinement import _PlaceErrors
+from calibration.registration._distorted_pose import SmoothDisplacement
+from calibration.registration._features import features_of
+from calibration.registration._hypotheses import PoseHypothesis
+from calibration.registration._refinement import _PlaceErrors
 from simulation.arrays import FloatArray
 from tests.calibration.known import known
 from tests.calibration.registration.test_any_two import (

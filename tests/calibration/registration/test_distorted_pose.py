@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.registration.distorted_pose import DistortedPose, SmoothDisplacement
+from calibration.registration._distorted_pose import DistortedPose, SmoothDisplacement
 from hil_mocks.truth.render import CameraPose, PinholeCamera
 
 SHAPE = (60, 80)

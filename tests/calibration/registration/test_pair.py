@@ -21,7 +21,7 @@ from calibration.registration import (
     RegistrationReference,
     register_images,
 )
-from calibration.registration.features import features_of
+from calibration.registration._features import features_of
 from simulation import GaussianPsf
 from simulation.arrays import Float32Array, FloatArray
 from tests.simulation.closed_form import Item, photograph, random_scene

@@ -11,7 +11,7 @@ from calibration.edges import (
     plane_places,
 )
 from calibration.sharpness import lp_per_mm, lw_per_ph, reported_mtf50, with_sharpness
-from calibration.sharpness.resolution import (
+from calibration.sharpness._resolution import (
     _edge_place,
     _gaussian_mtf50_err,
     _with_colour_shifts,

@@ -19,7 +19,7 @@ from calibration.sharpness import (
     reported_mtf50,
     verdict_rows,
 )
-from calibration.sharpness.verdict import (
+from calibration.sharpness._verdict import (
     _Figure,
     _largest,
     _median_of,

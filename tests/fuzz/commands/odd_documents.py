@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from acquisition.session.journal import (
+from acquisition.session._journal import (
     HEAD_NAME,
     NO_LINES,
     ChainedLine,

@@ -9,7 +9,7 @@ from typing import Any
 from typer.main import get_command
 
 from standoff.terminal import application
-from standoff.terminal.app import path_parameters
+from standoff.terminal._app import path_parameters
 from tests.fuzz.commands.slots import SLOTS
 
 LINES = {

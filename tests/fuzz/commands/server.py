@@ -119,7 +119,7 @@ def load_modules(others: tuple[str, ...] = ()) -> None:
 def _load_everything() -> None:
     load_modules()
     # Most of the time that figures take goes into their pixels, which nobody looks at here.
-    patch("analysis.reports.page._PNG_DPI", 20).start()
+    patch("analysis.reports._page._PNG_DPI", 20).start()
     gc.collect()
     gc.freeze()
 

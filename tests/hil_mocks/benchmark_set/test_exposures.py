@@ -7,7 +7,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from hil_mocks.benchmark_set.photographs import Condition, srgb_levels, truth_tiff
+from hil_mocks.benchmark_set._photographs import Condition, srgb_levels, truth_tiff
 
 
 def test_a_level_varies_as_the_task_says() -> None:

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from hil_mocks.benchmark_set.lenses import CircularPupil, round_lens
-from hil_mocks.benchmark_set.photographs import (
+from hil_mocks.benchmark_set._lenses import CircularPupil, round_lens
+from hil_mocks.benchmark_set._photographs import (
     INK,
     PAPER,
     Chart,
@@ -19,8 +19,8 @@ from hil_mocks.benchmark_set.photographs import (
     sampled,
     spot_series,
 )
-from hil_mocks.benchmark_set.scenes import SCENES, Pose, scene
-from hil_mocks.benchmark_set.tasks import SAMPLES_PER_PX, View, chart_light, gradient
+from hil_mocks.benchmark_set._scenes import SCENES, Pose, scene
+from hil_mocks.benchmark_set._tasks import SAMPLES_PER_PX, View, chart_light, gradient
 
 FloatArray = NDArray[np.float64]
 LENS = round_lens(0.7)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_mocks.benchmark_set.camera_tracks import EdgeChart, PhotographsWithoutEdge, Simulation
-from hil_mocks.benchmark_set.documents import benchmark_tasks
-from hil_mocks.benchmark_set.lenses import CircularPupil, GaussianLens, Lens
-from hil_mocks.benchmark_set.photographs import INK, PAPER
-from hil_mocks.benchmark_set.scenes import scene
-from hil_mocks.benchmark_set.tasks import View, chart_light
+from hil_mocks.benchmark_set._camera_tracks import EdgeChart, PhotographsWithoutEdge, Simulation
+from hil_mocks.benchmark_set._documents import benchmark_tasks
+from hil_mocks.benchmark_set._lenses import CircularPupil, GaussianLens, Lens
+from hil_mocks.benchmark_set._photographs import INK, PAPER
+from hil_mocks.benchmark_set._scenes import scene
+from hil_mocks.benchmark_set._tasks import View, chart_light
 
 galsim = pytest.importorskip("galsim", reason="the independent renderer is not installed")
 

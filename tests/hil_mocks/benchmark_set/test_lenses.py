@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.truth.lenses import defocused_pupil_otf
-from hil_mocks.benchmark_set.lenses import (
+from hil_mocks.benchmark_set._lenses import (
     LENSES,
     CircularPupil,
     GaussianLens,

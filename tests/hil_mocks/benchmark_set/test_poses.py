@@ -5,7 +5,7 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 
-from hil_mocks.benchmark_set.scenes import REFERENCE_DISTANCE_MM, Bump, Pose
+from hil_mocks.benchmark_set._scenes import REFERENCE_DISTANCE_MM, Bump, Pose
 
 SHAPE = (90, 120)
 X, Y = np.array([3.0, 70.5, 118.0]), np.array([80.0, 44.5, 2.0])

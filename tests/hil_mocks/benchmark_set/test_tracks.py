@@ -5,12 +5,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hil_mocks.benchmark_set.camera_tracks import EdgeChart, Simulation
-from hil_mocks.benchmark_set.documents import benchmark_tasks, document_bytes
-from hil_mocks.benchmark_set.lenses import round_lens
-from hil_mocks.benchmark_set.pair_tracks import Alignment, ChangedPair, behind_blur
-from hil_mocks.benchmark_set.photographs import STEPS_PER_DN
-from hil_mocks.benchmark_set.tasks import SIZES
+from hil_mocks.benchmark_set._camera_tracks import EdgeChart, Simulation
+from hil_mocks.benchmark_set._documents import benchmark_tasks, document_bytes
+from hil_mocks.benchmark_set._lenses import round_lens
+from hil_mocks.benchmark_set._pair_tracks import Alignment, ChangedPair, behind_blur
+from hil_mocks.benchmark_set._photographs import STEPS_PER_DN
+from hil_mocks.benchmark_set._tasks import SIZES
 
 
 @pytest.mark.parametrize("size", SIZES)

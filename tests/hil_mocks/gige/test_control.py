@@ -11,8 +11,8 @@ import pytest
 
 from acquisition.errors import DeviceError
 from hil_mocks.gige import GigeDevice, GigeFaults
-from hil_mocks.gige.registers import BootstrapAddress, Capability
-from hil_mocks.gige.wire import CommandCode, GvcpStatus, RegisterWrite
+from hil_mocks.gige._registers import BootstrapAddress, Capability
+from hil_mocks.gige._wire import CommandCode, GvcpStatus, RegisterWrite
 from hil_mocks.practice_bench import PracticeBench
 from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import gige_bench

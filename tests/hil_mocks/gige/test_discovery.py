@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from hil_mocks.gige.wire import GVCP_PORT, CommandCode
+from hil_mocks.gige._wire import GVCP_PORT, CommandCode
 from hil_mocks.practice_bench import PracticeBench
 from tests.hil_mocks.benches import bench_config
 from tests.hil_mocks.gige_client import SILENCE_S

@@ -9,9 +9,9 @@ from time import monotonic
 import pytest
 
 from hil_mocks.gige import GigeFaults
-from hil_mocks.gige.events import DeviceEvent, EventId, encode_event
-from hil_mocks.gige.registers import BootstrapAddress
-from hil_mocks.gige.wire import CommandCode, GvcpStatus
+from hil_mocks.gige._events import DeviceEvent, EventId, encode_event
+from hil_mocks.gige._registers import BootstrapAddress
+from hil_mocks.gige._wire import CommandCode, GvcpStatus
 from hil_mocks.practice_bench import PracticeBench
 from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_client import FRAME_S, HEARTBEAT_MS, SILENCE_S, RawClient

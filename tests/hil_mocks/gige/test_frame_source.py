@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_mocks.gige.settings import BenchFrameSource, FrameRequest, noise_table
+from hil_mocks.gige._settings import BenchFrameSource, FrameRequest, noise_table
 from hil_mocks.truth.render import Sensor
 
 SHAPE = (200, 250)

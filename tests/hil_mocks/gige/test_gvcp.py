@@ -4,7 +4,7 @@ from contextlib import suppress
 import pytest
 from hypothesis import given, strategies as st
 
-from hil_mocks.gige.wire import (
+from hil_mocks.gige._wire import (
     Command,
     CommandCode,
     GvcpError,

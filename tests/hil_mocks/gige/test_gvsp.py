@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from hil_mocks.gige.wire import (
+from hil_mocks.gige._wire import (
     PAYLOAD_TYPE_CHUNKS,
     GvspHeader,
     ImageLeader,

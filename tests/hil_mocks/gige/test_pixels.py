@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hil_mocks.gige.wire import PIXEL_LAYOUTS, image_of_levels, pixel_formats_of, wire_bytes
+from hil_mocks.gige._wire import PIXEL_LAYOUTS, image_of_levels, pixel_formats_of, wire_bytes
 
 LEVELS = arrays(np.uint16, (3, 4), elements=st.integers(0, 4095))
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 import hil_mocks.gige.stream
 from hil_mocks.gige import GigeFaults
-from hil_mocks.gige.registers import BootstrapAddress, StreamTarget
-from hil_mocks.gige.wire import PIXEL_LAYOUTS, GvcpStatus, PacketFormat
+from hil_mocks.gige._registers import BootstrapAddress, StreamTarget
+from hil_mocks.gige._wire import PIXEL_LAYOUTS, GvcpStatus, PacketFormat
 from hil_mocks.practice_bench import PracticeBench
 from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import expected_image, gige_bench

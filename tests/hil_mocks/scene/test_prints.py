@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_mocks.truth.images import PeriodicImage
+from hil_mocks.truth._images import PeriodicImage
 from hil_mocks.truth.scenes import GRAIN_PITCH_MM, PHOTOGRAPHS, photograph, print_photograph
 
 ROWS, COLS = 24, 40

@@ -11,9 +11,9 @@ from acquisition.errors import (
     StageLimitError,
     StageNotHomedError,
 )
-from hil_mocks.stages.grbl import GrblFaults
-from hil_mocks.stages.grbl_protocol import GrblDialect
-from hil_mocks.stages.plant import PlantFaults
+from hil_mocks.stages._grbl import GrblFaults
+from hil_mocks.stages._grbl_protocol import GrblDialect
+from hil_mocks.stages._plant import PlantFaults
 from tests.hil_mocks.stage_checks import (
     DIALECTS,
     TARGET_MM,

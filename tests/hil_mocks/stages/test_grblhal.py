@@ -13,13 +13,13 @@ from acquisition.errors import (
     StageLimitError,
     StageNotHomedError,
 )
-from acquisition.stages.grbl_setup import work_envelope
+from acquisition.stages._grbl_setup import work_envelope
+from acquisition.stages._serial_link import _WireLog
 from acquisition.stages.grbl_wire import BEYOND_TRAVEL, jog_command
-from acquisition.stages.serial_link import _WireLog
-from hil_mocks.stages.grbl import GrblFirmware
-from hil_mocks.stages.grbl_protocol import GrblDialect
-from hil_mocks.stages.plant import PlantFaults, StagePlant
-from hil_mocks.stages.serial_stage import LineFaults
+from hil_mocks.stages._grbl import GrblFirmware
+from hil_mocks.stages._grbl_protocol import GrblDialect
+from hil_mocks.stages._plant import PlantFaults, StagePlant
+from hil_mocks.stages._serial_stage import LineFaults
 from tests.hil_mocks.stage_checks import (
     DIALECTS,
     TARGET_MM,

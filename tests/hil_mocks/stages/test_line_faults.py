@@ -15,7 +15,7 @@ from acquisition.errors import (
     StageAlarmError,
     StageNotHomedError,
 )
-from hil_mocks.stages.serial_stage import LineFaults
+from hil_mocks.stages._serial_stage import LineFaults
 from tests.hil_mocks.stage_checks import TARGET_MM, assert_works_again
 from tests.hil_mocks.stage_rigs import (
     GrblRig,

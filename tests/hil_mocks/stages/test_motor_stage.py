@@ -21,8 +21,8 @@ from acquisition.errors import (
     StageStalledError,
     StageStoppedError,
 )
-from hil_mocks.stages.plant import PlantFaults
-from hil_mocks.stages.serial_stage import LineFaults
+from hil_mocks.stages._plant import PlantFaults
+from hil_mocks.stages._serial_stage import LineFaults
 from tests.hil_mocks.stage_checks import (
     TARGET_MM,
     assert_nothing_moves,

@@ -3,8 +3,8 @@ from math import e
 import pytest
 from hypothesis import given, strategies as st
 
-from hil_mocks.stages.grbl import GrblFirmware
-from hil_mocks.stages.plant import PlantFaults, StagePlant, StepperAxis
+from hil_mocks.stages._grbl import GrblFirmware
+from hil_mocks.stages._plant import PlantFaults, StagePlant, StepperAxis
 
 STEP_S = 0.004
 

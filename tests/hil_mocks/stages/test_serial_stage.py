@@ -9,9 +9,9 @@ import pytest
 from acquisition.bench import StageConfig
 from acquisition.errors import DeviceDisconnectedError, DeviceError
 from acquisition.stages import open_zaber_stage
-from acquisition.stages.grbl import open_grbl_stage
-from acquisition.stages.motor import MotorStage
-from hil_mocks.stages.serial_stage import LineFaults, SerialStage, StageProtocol
+from acquisition.stages._grbl import open_grbl_stage
+from acquisition.stages._motor import MotorStage
+from hil_mocks.stages._serial_stage import LineFaults, SerialStage, StageProtocol
 from tests.busy_machine import BUSY_S
 
 pytestmark = pytest.mark.slow

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from acquisition.devices import Stage
 from acquisition.errors import StageLimitError, StageNotHomedError
 from hil_mocks import SimulatedClock, SimulatedStage
-from hil_mocks.stages.plant import PlantFaults
+from hil_mocks.stages._plant import PlantFaults
 from tests.hil_mocks.benches import bench_config
 from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, manual_stage, zaber_rig
 

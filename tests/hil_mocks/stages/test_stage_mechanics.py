@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from acquisition.errors import StageStalledError
-from calibration.geometry.pupil import PupilFit, SeriesDistances, _fit_pupil
-from hil_mocks.stages.plant import PlantFaults
+from calibration.geometry._pupil import PupilFit, SeriesDistances, _fit_pupil
+from hil_mocks.stages._plant import PlantFaults
 from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, zaber_rig
 
 Rig = GrblRig | ZaberRig

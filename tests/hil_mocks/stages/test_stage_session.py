@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from acquisition.bench import BenchDevices
-from acquisition.capture.runner import RunOperator, run_plan
+from acquisition.capture._runner import RunOperator, run_plan
 from acquisition.devices import Stage
 from acquisition.errors import DeviceError
 from acquisition.plan import CapturePlan
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from hil_mocks import SimulatedBench
-from hil_mocks.stages.plant import PlantFaults
-from hil_mocks.stages.serial_stage import LineFaults
+from hil_mocks.stages._plant import PlantFaults
+from hil_mocks.stages._serial_stage import LineFaults
 from tests.hil_mocks.benches import bench_config
 from tests.hil_mocks.stage_rigs import GrblRig, StageRig, ZaberRig, grbl_rig, zaber_rig
 

@@ -9,8 +9,8 @@ from acquisition.errors import (
     StageLimitError,
     StageNotHomedError,
 )
-from hil_mocks.stages.plant import PlantFaults
-from hil_mocks.stages.zaber import ZaberFaults
+from hil_mocks.stages._plant import PlantFaults
+from hil_mocks.stages._zaber import ZaberFaults
 from tests.hil_mocks.stage_checks import TARGET_MM, assert_works_again
 from tests.hil_mocks.stage_rigs import homed_zaber, zaber_rig
 

@@ -12,9 +12,9 @@ from zaber_motion import CommandFailedException, Units  # noqa: E402
 from zaber_motion.ascii import Axis, Connection  # noqa: E402
 
 from acquisition.stages.zaber import checksum  # noqa: E402
-from hil_mocks.stages.plant import StagePlant  # noqa: E402
-from hil_mocks.stages.serial_stage import LineFaults, PtyPort, SerialLine  # noqa: E402
-from hil_mocks.stages.zaber import ZaberFirmware  # noqa: E402
+from hil_mocks.stages._plant import StagePlant  # noqa: E402
+from hil_mocks.stages._serial_stage import LineFaults, PtyPort, SerialLine  # noqa: E402
+from hil_mocks.stages._zaber import ZaberFirmware  # noqa: E402
 from tests.hil_mocks.stage_rigs import MICROSTEP_UM  # noqa: E402
 
 FASTER = 20.0

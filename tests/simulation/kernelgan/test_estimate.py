@@ -18,8 +18,8 @@ from simulation.kernelgan import (
     estimate_kernel,
     kernel_operator,
 )
-from simulation.kernelgan.crops import OUTPUT_SIDE_PX, TorchMissingError, _nearest_positions
-from simulation.kernelgan.estimate import KERNEL_SIZE, centre_half
+from simulation.kernelgan._crops import OUTPUT_SIDE_PX, TorchMissingError, _nearest_positions
+from simulation.kernelgan._estimate import KERNEL_SIZE, centre_half
 from tests.simulation.dead_leaves import dead_leaves
 
 NOISE = np.random.default_rng(0).uniform(0, 4000, (90, 100))
@@ -115,7 +115,7 @@ def test_without_torch_the_error_is_one_of_a_missing_module(
     def blocked(name: str, package: str | None = None) -> importlib.machinery.ModuleSpec | None:
         return None if name == "torch" else real(name, package)
 
-    monkeypatch.setattr("simulation.kernelgan.estimate.find_spec", blocked)
+    monkeypatch.setattr("simulation.kernelgan._estimate.find_spec", blocked)
     with pytest.raises(TorchMissingError):
         estimate_kernel(NOISE, KernelGanSettings(zoom=2.0))
 

@@ -10,12 +10,12 @@ torch = pytest.importorskip("torch")
 from torch import Tensor  # noqa: E402 - behind importorskip
 from torch.nn import functional  # noqa: E402
 
-from simulation.kernelgan.crops import (  # noqa: E402
+from simulation.kernelgan._crops import (  # noqa: E402
     CropPicker,
     KernelGanError,
     _nearest_positions,
 )
-from simulation.kernelgan.training import (  # noqa: E402
+from simulation.kernelgan._training import (  # noqa: E402
     DeepLinearGenerator,
     KernelGanTraining,
     _boundary_mask,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simulation.arrays import FloatArray
-from simulation.pose.prefilter import LEAST_COPIES, QUINTIC_SPLINE, SamplingKernel
+from simulation.pose._prefilter import LEAST_COPIES, QUINTIC_SPLINE, SamplingKernel
 from simulation.pose.simulate import _weight_table
 
 KERNELS = [QUINTIC_SPLINE, LEAST_COPIES]

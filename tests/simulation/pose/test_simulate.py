@@ -19,7 +19,7 @@ from simulation import (
 from simulation.arrays import FloatArray
 from simulation.capture_noise import propagated_variance
 from simulation.choices import POSE_MODELS, PoseModel
-from simulation.pose.view_filter import pose_noise_gain
+from simulation.pose._view_filter import pose_noise_gain
 from tests.simulation.poses import (
     PHOTOGRAPH,
     PSF,

@@ -10,9 +10,8 @@ from scipy.optimize import brentq
 from calibration.registration import DistortedPose
 from simulation import GaussianPsf, PoseOptions, simulate_pose_of_image
 from simulation.arrays import FloatArray
-from simulation.pose.view import PoseView
-from simulation.pose.view_filter import pose_noise_gain
-from simulation.pose.warp import (
+from simulation.pose._view_filter import pose_noise_gain
+from simulation.pose._warp import (
     ideal_factors,
     lens_of,
     project,
@@ -21,6 +20,7 @@ from simulation.pose.warp import (
     seen_factors,
     warped,
 )
+from simulation.pose.view import PoseView
 from tests.simulation.poses import PHOTOGRAPH, PSF, TILTED_PSF, tilted
 
 MATRIX = np.array([[1.4, 0.1, -20.0], [-0.2, 1.3, 5.0], [2e-4, -1e-4, 1.1]])

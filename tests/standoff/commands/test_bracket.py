@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from acquisition.plan import load_plan
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import SMALL_BENCH, Command
 

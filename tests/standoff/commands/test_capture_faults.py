@@ -17,11 +17,11 @@ from types import SimpleNamespace
 import pytest
 
 from acquisition.bench import BenchConfig
-from acquisition.session.files import FileParts, write_new_hashed
-from acquisition.session.reader import Session, verify
+from acquisition.session._files import FileParts, write_new_hashed
+from acquisition.session._reader import Session, verify
 from hil_mocks import SimulatedBench
 from hil_mocks.devices import CameraFaults, StageFaults
-from standoff.library.bench.devices import OpenBench, open_bench
+from standoff.library.bench._devices import OpenBench, open_bench
 from tests.standoff.conftest import Command
 
 
@@ -82,7 +82,7 @@ def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
             yield devices
 
     with monkeypatch.context() as patch:
-        patch.setattr("standoff.library.bench.devices.open_bench", opened)
+        patch.setattr("standoff.library.bench._devices.open_bench", opened)
         done = command(capture_line, "--yes")
     assert (done.status, done.out) == (1, "")
     [line] = [line for line in done.err.splitlines() if line.startswith("standoff:")]
@@ -108,7 +108,7 @@ def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
         return write_new_hashed(path, parts, *seal)
 
     with monkeypatch.context() as patch:
-        patch.setattr("acquisition.session.writer.write_new_hashed", fill_up)
+        patch.setattr("acquisition.session._writer.write_new_hashed", fill_up)
         done = command(capture_line, "--yes")
     assert done.status == 1
     assert "No space left on device; check the disk and run the same command again" in done.err

@@ -12,10 +12,10 @@ import tifffile
 from PIL import Image
 
 from analysis.change_series import read_changes_series, read_time_line
-from analysis.changes.document import read_changes
+from analysis.changes._document import read_changes
 from standoff.cli import run
 from standoff.library.changes import compared as compare
-from standoff.library.series import change_work
+from standoff.library.series import _change_work as change_work
 from tests.standoff.changed_photographs import changed_pair, write_levels, write_psf
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from analysis.changes.document import Change
+from analysis.changes._document import Change
 from standoff.cli import run
 from tests.standoff.changed_photographs import (
     FAR,

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from calibration.psf.document import PSF_SCHEMA
-from standoff.terminal import output
+from calibration.psf._document import PSF_SCHEMA
+from standoff.terminal import _output as output
 from tests.standoff.conftest import Command
 
 

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("starlette", reason="the console's extra is not installed")
 
-from analysis.detectability.curves import DetectabilityCurves
+from analysis.detectability._curves import DetectabilityCurves
 from analysis.results_file import write_results
 from standoff.shipped_configs import shipped_config
 from tests.analysis.detectability.test_curves import curve

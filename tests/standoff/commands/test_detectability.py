@@ -6,7 +6,7 @@ import pytest
 import tifffile
 from scipy.ndimage import gaussian_filter
 
-from analysis.detectability.curves import DetectabilityCurves, read_curves
+from analysis.detectability._curves import DetectabilityCurves, read_curves
 from analysis.results_file import write_results
 from simulation import GaussianPsf, zoom_out_image
 from tests.analysis.detectability.test_curves import curve

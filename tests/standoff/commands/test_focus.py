@@ -8,9 +8,9 @@ import pytest
 
 from acquisition.bench import BenchDevices, load_bench
 from acquisition.devices import Camera
-from acquisition.focus.live import FocusOptions, FocusPoint, focus_values, sweep_focus
-from acquisition.focus.measures import Region
-from acquisition.focus.sweep import fit_focus_peak
+from acquisition.focus._live import FocusOptions, FocusPoint, focus_values, sweep_focus
+from acquisition.focus._measures import Region
+from acquisition.focus._sweep import fit_focus_peak
 from hil_mocks import SimulatedBench
 from tests.acquisition.aravis_bench import needs_aravis
 from tests.hil_mocks.gige_bench import gige_bench
@@ -108,7 +108,7 @@ def test_ctrl_c_ends_the_live_aid_well_once_a_value_was_shown(
         yield from islice(focus_values(camera, options), before)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("standoff.library.bench.focus.focus_values", interrupted)
+    monkeypatch.setattr("standoff.library.bench._focus.focus_values", interrupted)
     done = command("focus", "--bench", bench)
     assert done.status == status
     assert ("% of peak" in done.err) == (before > 0)

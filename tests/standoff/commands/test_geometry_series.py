@@ -8,8 +8,8 @@ import pytest
 
 from acquisition.bench import BenchConfig
 from acquisition.plan import parse_plan
-from acquisition.session.record import Photograph
-from acquisition.session.writer import SessionWriter
+from acquisition.session._record import Photograph
+from acquisition.session._writer import SessionWriter
 from calibration.geometry import GeometryCapture
 from tests.acquisition.session_fixtures import bench_of
 from tests.calibration.geometry_bench import captures

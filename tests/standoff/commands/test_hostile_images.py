@@ -11,7 +11,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from analysis.detectability.curves import DetectabilityCurves
+from analysis.detectability._curves import DetectabilityCurves
 from analysis.results_file import write_results
 from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.reader import Session, verify
+from acquisition.session._reader import Session, verify
 from tests.acquisition.aravis_bench import needs_aravis
 from tests.hil_mocks.gige_bench import free_addresses
 from tests.standoff.commands.test_hostile_camera import aravis_bench_file
@@ -48,7 +48,7 @@ ENDS_WITHIN_S = 240.0
 
 COMMAND = """
 import os, sys
-from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis._camera import AravisCamera
 deliver, told = AravisCamera.next_frame, int(sys.argv.pop(1))
 def next_frame(camera, timeout_s):
     frame = deliver(camera, timeout_s)
@@ -62,7 +62,7 @@ main()
 
 FAKE = """
 import sys
-from acquisition.aravis.device import load_aravis
+from acquisition.aravis._device import load_aravis
 fake = load_aravis().api.GvFakeCamera.new(sys.argv[1], "GV01")
 assert fake.is_running()
 print("ready", flush=True)

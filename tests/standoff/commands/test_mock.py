@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from hil_mocks.gige import FrameRequest, GigeFaults
-from hil_mocks.gige.wire import GvcpStatus
+from hil_mocks.gige._wire import GvcpStatus
 from hil_mocks.practice_bench import (
     HandStage,
     PracticeCommandError,
     PracticeConsole,
     faults_from_words,
 )
-from hil_mocks.stages.serial_stage import SerialStage
+from hil_mocks.stages._serial_stage import SerialStage
 from tests.hil_mocks.gige_bench import free_addresses, gige_bench
 from tests.hil_mocks.gige_client import RawClient
 from tests.standoff.conftest import Command

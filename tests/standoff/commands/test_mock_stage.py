@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from acquisition.bench import load_bench, parse_overrides
-from acquisition.stages.grbl import open_grbl_stage
+from acquisition.stages._grbl import open_grbl_stage
 from acquisition.stages.zaber import open_zaber_stage
 from hil_mocks.practice_bench import PracticeBench
-from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
+from hil_mocks.stages._serial_stage import SerialStage, StageProtocol
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command
 

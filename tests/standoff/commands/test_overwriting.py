@@ -12,7 +12,7 @@ from standoff.errors import ApplicationError
 from standoff.library import CHANGE_FILES, DEMO_FILES, FILES_OF_SERIES, VALIDATION_FILES
 from standoff.library.evaluation import evaluation_figure_paths
 from standoff.library.measured_curves import curve_figure_paths
-from standoff.terminal.app import COMMANDS, _imported
+from standoff.terminal._app import COMMANDS, _imported
 from tests.standoff.conftest import Command
 
 CURVES = ("--curves", "c.json", "--min-dprime", "2")

@@ -6,7 +6,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from tests.standoff.conftest import Command
 
 

@@ -9,7 +9,7 @@ import tifffile
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from analysis.detectability.curves import DetectabilityCurves
+from analysis.detectability._curves import DetectabilityCurves
 from analysis.results_file import write_results
 from simulation.arrays import FloatArray
 from tests.analysis.detectability.test_curves import curve

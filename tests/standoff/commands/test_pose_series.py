@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 import tifffile
 
-from acquisition.photographs.reader import read_photograph
-from analysis.detectability.curves import DetectabilityCurves
-from analysis.pose.quality import read_pose_series
+from acquisition.photographs._reader import read_photograph
+from analysis.detectability._curves import DetectabilityCurves
+from analysis.pose._quality import read_pose_series
 from analysis.results_file import write_results
 from calibration.registration import Registration, register_images
 from simulation.arrays import FloatArray
-from standoff.library.series import pose_work, references
+from standoff.library.series import _pose_work as pose_work, _references as references
 from tests.analysis.detectability.test_curves import curve
 from tests.calibration.registration.test_tracking import pose, scene, seen_from
 from tests.standoff.conftest import Command

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.psf.document import PSF_SCHEMA
+from calibration.psf._document import PSF_SCHEMA
 from tests.analysis.bench_session import chart_session
 from tests.standoff.conftest import Command
 

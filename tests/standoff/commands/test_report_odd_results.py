@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.psf.document import PSF_SCHEMA
+from calibration.psf._document import PSF_SCHEMA
 from tests.analysis.bench_session import chart_session
 from tests.fuzz.result_targets import CHANGES, POSE
 from tests.standoff.conftest import Command

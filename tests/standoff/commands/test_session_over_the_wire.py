@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from acquisition.bench import load_bench
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from hil_mocks.truth.bench_truth import BenchTruth
 from standoff.shipped_configs import shipped_config
 from tests.hil_mocks.gige_bench import free_addresses

@@ -5,7 +5,7 @@ import pytest
 
 from acquisition.bench import load_bench
 from acquisition.plan import PlanEntry
-from acquisition.session.files import JOURNAL_NAME
+from acquisition.session._files import JOURNAL_NAME
 from standoff.terminal import time_text
 from tests.standoff.conftest import SMALL_PLAN, Command
 
@@ -97,7 +97,7 @@ def test_ctrl_c_leaves_a_session_that_resumes(
         return place
 
     with monkeypatch.context() as patch:
-        where = "standoff.library.bench.devices.place_in_simulation"
+        where = "standoff.library.bench._devices.place_in_simulation"
         patch.setattr(where, interrupt_at_the_second)
         assert command(capture_line, "--yes").status == 130
     assert command.document(capture_line, "--yes") == {

@@ -8,7 +8,7 @@ import pytest
 import tifffile
 
 from simulation.choices import KernelModel
-from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings
+from simulation.kernelgan._estimate import EstimatedKernel, KernelGanSettings
 from tests.standoff.conftest import Command
 
 TEXTURE = np.random.default_rng(0).integers(0, 4000, (90, 120)).astype(np.uint16)
@@ -65,7 +65,7 @@ def test_colour_is_trained_on_its_luma_and_noise_is_carried(
 def test_without_torch_one_line_says_what_to_install(
     command: Command, image_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "simulation.kernelgan.training", raising=False)
+    monkeypatch.delitem(sys.modules, "simulation.kernelgan._training", raising=False)
     monkeypatch.setitem(sys.modules, "torch", None)  # `import torch` fails from here on
     err = command.refused(1, *_arguments(image_file, tmp_path))
     assert "pip install standoff[kernelgan]" in err
@@ -79,7 +79,7 @@ def test_ctrl_c_leaves_nothing_half_written(
     def interrupted(self: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("simulation.kernelgan.training.KernelGanTraining.step", interrupted)
+    monkeypatch.setattr("simulation.kernelgan._training.KernelGanTraining.step", interrupted)
     done = command(*_arguments(image_file, tmp_path))
     assert done.status == 130
     assert not (tmp_path / "kernels").exists()

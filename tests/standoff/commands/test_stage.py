@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.stages.serial_link import open_serial_port
+from acquisition.stages._serial_link import open_serial_port
 from hil_mocks.devices import SimulatedStage, StageFaults
-from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
-from hil_mocks.stages.serial_stage import LineFaults, SerialStage, StageProtocol
+from hil_mocks.stages._grbl import GrblFaults, GrblFirmware
+from hil_mocks.stages._serial_stage import LineFaults, SerialStage, StageProtocol
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command, Outcome
 

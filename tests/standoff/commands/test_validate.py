@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.validation import kernels
+from analysis.validation import _kernels as kernels
 from simulation.kernelgan import EstimatedKernel, KernelGanSettings
 from standoff.library import Call, validation as validation_run
 from tests.analysis.height_series import height_series

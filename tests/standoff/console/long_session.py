@@ -5,7 +5,7 @@ from pathlib import Path
 from uuid import UUID
 
 from acquisition.session import JOURNAL_NAME
-from acquisition.session.journal import HEAD_NAME, read_journal_file
+from acquisition.session._journal import HEAD_NAME, read_journal_file
 from tests.acquisition.journals import chained_journal
 
 

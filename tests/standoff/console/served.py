@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from standoff.console.bench_hub import BenchHub
 from standoff.console.server import open_socket, server_of
-from standoff.console.web.application import console_app
+from standoff.console.web._application import console_app
 from tests.standoff.console.hub_fixtures import DEADLINE_S, wait_for
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from websockets.typing import Origin
 from standoff.console.access import Access, Allowance, LoginThrottle, is_loopback_host
 from standoff.console.bench_hub import BenchHub
 from standoff.console.session_library import SessionLibrary, UnknownSessionError, is_session_name
-from standoff.console.web.application import console_app
+from standoff.console.web._application import console_app
 from tests.acquisition.fakes import FakeClock
 from tests.standoff.console.hub_fixtures import idle_hub
 from tests.standoff.console.served import answered, served
@@ -361,7 +361,7 @@ def test_guesses_are_slowed_down_and_the_pages_are_told(
 ) -> None:
     clock = FakeClock()
     monkeypatch.setattr(
-        "standoff.console.web.application.LoginThrottle", lambda: LoginThrottle(clock)
+        "standoff.console.web._application.LoginThrottle", lambda: LoginThrottle(clock)
     )
     app = console_app(hub, token=TOKEN)
     guesser, other = (

@@ -23,8 +23,8 @@ from standoff.console.frames import FrameBroadcaster
 from standoff.console.jobs import PromptQueue
 from standoff.console.monitors import PoseMonitor, tracker_maker
 from standoff.console.plans import PlanLibrary
-from standoff.console.web import application
-from standoff.console.web.application import bench_checks
+from standoff.console.web import _application as application
+from standoff.console.web._application import bench_checks
 from standoff.errors import ApplicationError
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.analysis.detectability.test_curves import curve

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.capture.runner import CaptureProgress
+from acquisition.capture._runner import CaptureProgress
 from acquisition.errors import StageLimitError
-from acquisition.session.reader import Session, verify
+from acquisition.session._reader import Session, verify
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError
-from standoff.console.web.command_handler import CommandHandler, NotInControlError, parse_message
-from standoff.console.web.view_model import plan_document, state_document
+from standoff.console.web._command_handler import CommandHandler, NotInControlError, parse_message
+from standoff.console.web._view_model import plan_document, state_document
 from standoff.errors import ApplicationError
 from tests.standoff.console.hub_fixtures import PLAN, running_hub, wait_for
 

@@ -10,10 +10,10 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
-from acquisition.capture.runner import CaptureProgress
+from acquisition.capture._runner import CaptureProgress
 from acquisition.errors import DeviceDisconnectedError, DeviceError, DeviceTimeoutError
-from acquisition.session.reader import Session
-from analysis.pose.tracker import PoseVerdict
+from acquisition.session._reader import Session
+from analysis.pose._tracker import PoseVerdict
 from hil_mocks import SimulatedBench
 from hil_mocks.devices import StageFaults
 from simulation.arrays import AnyArray
@@ -21,7 +21,7 @@ from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import bench_drivers
 from standoff.console.jobs import BusyError, Job
 from standoff.console.session_run import RunView
-from standoff.console.web.view_model import pose_document
+from standoff.console.web._view_model import pose_document
 from standoff.errors import ApplicationError
 from tests.standoff.console.hub_fixtures import (
     DEADLINE_S,

@@ -10,7 +10,7 @@ from acquisition.errors import StageLimitError
 from acquisition.focus import FocusOptions
 from standoff.console.bench_hub import BenchHub
 from standoff.console.focus_sweep import SweepPlan
-from standoff.console.web.view_model import sweep_document
+from standoff.console.web._view_model import sweep_document
 from standoff.errors import ApplicationError
 from tests.standoff.console.hub_fixtures import idle_hub, running_hub, wait_for
 

@@ -12,7 +12,7 @@ import tifffile
 from acquisition.devices import DeviceInfo
 from acquisition.photographs import read_photograph
 from acquisition.session import SessionNotes
-from acquisition.session.reader import Session
+from acquisition.session._reader import Session
 from standoff.console.session_library import SessionLibrary, UnknownSessionError
 from standoff.console.snapshot_library import (
     SnapshotLibrary,

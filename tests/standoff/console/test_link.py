@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from standoff.console.frames import FORMS, LiveFrame, PictureEncoder, PictureForm
-from standoff.console.web.link import (
+from standoff.console.web._link import (
     BUSY_S,
     FIRST_BYTES,
     LATE_S,

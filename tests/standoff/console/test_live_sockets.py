@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from standoff.console.session_run import RunView, rows_of
-from standoff.console.web.view_model import plan_document
+from standoff.console.web._view_model import plan_document
 
 pytest.importorskip("starlette", reason="the console's extra is not installed")
 pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
@@ -30,9 +30,9 @@ from acquisition.plan import CapturePlan, load_plan
 from standoff.console.bench_hub import BenchHub
 from standoff.console.page_words import NOT_UNDERSTOOD
 from standoff.console.server import open_socket, server_of
-from standoff.console.web import live_sockets, live_sockets as state_cache
-from standoff.console.web.application import console_app
-from standoff.console.web.live_sockets import REPLACED, STATE_S, StateCache
+from standoff.console.web import _live_sockets as live_sockets, _live_sockets as state_cache
+from standoff.console.web._application import console_app
+from standoff.console.web._live_sockets import REPLACED, STATE_S, StateCache
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.standoff.console.hub_fixtures import DEADLINE_S, idle_hub, wait_for
 
@@ -121,7 +121,7 @@ def test_a_page_that_leaves_before_its_hello_leaves_nothing_behind(hub: BenchHub
 
 
 def test_a_page_that_is_silent_is_let_go(hub: BenchHub, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("standoff.console.web.live_sockets.HELLO_TIMEOUT_S", 0.01)
+    monkeypatch.setattr("standoff.console.web._live_sockets.HELLO_TIMEOUT_S", 0.01)
     server = server_of(console_app(hub))
     with open_socket("127.0.0.1", 0) as bound:
         thread = Thread(target=lambda: asyncio.run(server.serve(sockets=[bound])))

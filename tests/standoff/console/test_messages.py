@@ -18,8 +18,8 @@ pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 from starlette.testclient import WebSocketTestSession
 
 from standoff.console.plans import PlanDraft, TargetDraft
-from standoff.console.web.command_handler import MESSAGES, CommandHandler, parse_message
-from standoff.console.web.messages import MessageError
+from standoff.console.web._command_handler import MESSAGES, CommandHandler, parse_message
+from standoff.console.web._messages import MessageError
 from standoff.errors import REPORTED_ERRORS
 from tests.standoff.console.hub_fixtures import idle_hub
 from tests.standoff.console.served import page_client

@@ -9,7 +9,7 @@ from scipy.special import erf
 
 from acquisition.devices import CameraSettings, FrameImage
 from acquisition.focus import Region
-from analysis.pose.tracker import PoseVerdict
+from analysis.pose._tracker import PoseVerdict
 from calibration.edges import EdgeImage, EdgeMeasurement, edges_of_image
 from calibration.geometry import DEFAULT_BOARD
 from simulation.arrays import AnyArray
@@ -23,7 +23,7 @@ from standoff.console.monitors import (
     SquarenessView,
     field_regions,
 )
-from standoff.console.web.view_model import measure_document
+from standoff.console.web._view_model import measure_document
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.standoff.console.hub_fixtures import DEADLINE_S, pose_verdict, wait_for
 

@@ -26,8 +26,8 @@ from standoff.console.plans import (
     plan_of,
     plan_toml,
 )
-from standoff.console.web.command_handler import CommandHandler, NotInControlError, parse_message
-from standoff.console.web.messages import PageMessage
+from standoff.console.web._command_handler import CommandHandler, NotInControlError, parse_message
+from standoff.console.web._messages import PageMessage
 from tests.standoff.console.hub_fixtures import idle_hub
 from tests.standoff.console.served import page_client
 

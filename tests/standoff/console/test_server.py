@@ -26,7 +26,7 @@ from standoff.console.server import (
     LimitedConnection,
     server_of,
 )
-from standoff.console.web.application import console_app
+from standoff.console.web._application import console_app
 from tests.standoff.console.hub_fixtures import DEADLINE_S, idle_hub, wait_for
 from tests.standoff.console.served import Address, answer_of, answered, sent, served
 

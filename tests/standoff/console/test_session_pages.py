@@ -25,7 +25,7 @@ from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import Job
 from standoff.console.session_library import SessionLibrary
 from standoff.console.session_run import RunView
-from standoff.console.web.session_pages import (
+from standoff.console.web._session_pages import (
     BLOCKED,
     REPORT_POLICY,
     ROWS_A_PAGE,

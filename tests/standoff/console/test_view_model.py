@@ -27,8 +27,8 @@ from acquisition.focus import Region
 from standoff.console.devices import DeviceStatus
 from standoff.console.monitors import Levels, PictureFacts, PoseView
 from standoff.console.stage_service import StageView
-from standoff.console.web.live_sockets import StateCache
-from standoff.console.web.view_model import (
+from standoff.console.web._live_sockets import StateCache
+from standoff.console.web._view_model import (
     Validity,
     camera_document,
     control_document,
@@ -315,7 +315,7 @@ def test_a_plan_has_room_by_the_rule_by_which_a_session_is_refused(
     assert shown["is_room"] is is_room
     assert shown["disk"] == "1 MB"
     usage = SimpleNamespace(free=free_bytes)
-    monkeypatch.setattr("acquisition.session.writer.shutil.disk_usage", lambda _: usage)
+    monkeypatch.setattr("acquisition.session._writer.shutil.disk_usage", lambda _: usage)
     writer = SessionWriter.__new__(SessionWriter)
     writer.path = tmp_path
     if is_room:

@@ -6,8 +6,8 @@ import pytest
 from acquisition.bench import BenchConfig, load_bench
 from acquisition.devices import Camera
 from acquisition.errors import BenchConfigError
-from acquisition.session.reader import Session
-from standoff.library.bench.devices import open_bench, open_camera, open_stage
+from acquisition.session._reader import Session
+from standoff.library.bench._devices import open_bench, open_camera, open_stage
 from standoff.shipped_configs import shipped_config
 from tests.acquisition.aravis_bench import camera_config, needs_aravis
 from tests.acquisition.session_fixtures import bench_of

@@ -17,7 +17,7 @@ from acquisition.focus import (
 from hil_mocks import SimulatedBench
 from standoff.console.monitors import field_regions
 from standoff.library import devices_of
-from standoff.library.bench.devices import OpenBench
+from standoff.library.bench._devices import OpenBench
 from tests.hil_mocks.benches import bench_config
 
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from acquisition.photographs.encoding import LINEAR, SRGB
-from acquisition.photographs.reader import ReadOptions, read_photograph
+from acquisition.photographs._encoding import LINEAR, SRGB
+from acquisition.photographs._reader import ReadOptions, read_photograph
 from calibration.edges import Region, edges_of_image
 from calibration.noise import CorrectionMaps
 from standoff.library.edges import Reading, edge_image

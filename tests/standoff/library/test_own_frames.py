@@ -14,8 +14,8 @@ from PIL import Image
 import standoff
 from acquisition.averaging import AveragedFrames
 from acquisition.photographs import Photograph, photograph_of
-from acquisition.session.reader import Session
-from acquisition.session.record import Take
+from acquisition.session._reader import Session
+from acquisition.session._record import Take
 from calibration.errors import NoiseError
 from calibration.noise import NoiseCalibration, NoiseMeasurement
 from standoff.errors import ArgumentError, ImageFileError

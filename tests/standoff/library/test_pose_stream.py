@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import tifffile
 
-from acquisition.focus.live import newest_frames
-from analysis.detectability.curves import DetectabilityCurves
+from acquisition.focus._live import newest_frames
+from analysis.detectability._curves import DetectabilityCurves
 from analysis.results_file import write_results
 from hil_mocks import SimulatedBench
 from hil_mocks.devices import CameraFaults
-from standoff.terminal.options import read_bench
+from standoff.terminal._options import read_bench
 from tests.acquisition.aravis_bench import needs_aravis
 from tests.analysis.detectability.test_curves import curve
 from tests.calibration.registration.test_tracking import pose, scene, seen_from

@@ -13,7 +13,7 @@ import pytest
 
 import standoff
 from scripts.library_reference import TYPES
-from simulation.arguments.errors import RANGES
+from simulation.arguments._errors import RANGES
 from standoff.errors import REPORTED_ERRORS, ArgumentError
 
 CALLS = 2500

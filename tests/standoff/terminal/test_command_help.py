@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import typer
 
-from standoff.terminal.app import COMMANDS, application
-from standoff.terminal.words import EXAMPLES
+from standoff.terminal._app import COMMANDS, application
+from standoff.terminal._words import EXAMPLES
 
 ROOT: Any = typer.main.get_command(application([]))
 

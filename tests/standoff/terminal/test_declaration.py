@@ -12,8 +12,8 @@ import typer
 
 from standoff import library, terminal
 from standoff.terminal import Given, exactly_one, excludes, needs
-from standoff.terminal.app import COMMANDS, _imported
-from standoff.terminal.declaration import OptionRule
+from standoff.terminal._app import COMMANDS, _imported
+from standoff.terminal._declaration import OptionRule
 
 
 def said(rule: OptionRule, *arguments: str) -> str | None:

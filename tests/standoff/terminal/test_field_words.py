@@ -4,8 +4,8 @@ from collections import Counter
 
 import pytest
 
-from standoff.terminal.app import COMMANDS
-from standoff.terminal.words import _OF_GROUPS, _WORDS, meant_command
+from standoff.terminal._app import COMMANDS
+from standoff.terminal._words import _OF_GROUPS, _WORDS, meant_command
 from tests.standoff.conftest import Command
 
 

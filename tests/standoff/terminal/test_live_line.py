@@ -3,14 +3,14 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from standoff.terminal.output import LiveLine
+from standoff.terminal._output import LiveLine
 
 
 def shown(monkeypatch: pytest.MonkeyPatch, *, is_terminal: bool, at_s: tuple[float, ...]) -> str:
     """What stands on stderr after one text at each of these times."""
     stream = StringIO()
     console = Console(file=stream, force_terminal=is_terminal, color_system=None, width=40)
-    monkeypatch.setattr("standoff.terminal.output.ERRORS", console)
+    monkeypatch.setattr("standoff.terminal._output.ERRORS", console)
     with LiveLine() as line:
         for number, now_s in enumerate(at_s):
             line.show(f"text {number}", now_s=now_s)

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from acquisition.capture.quality import QualityFinding
+from acquisition.capture._quality import QualityFinding
 from acquisition.plan import PlanEntry
 from standoff.errors import ApplicationError
-from standoff.terminal.operator_prompts import (
+from standoff.terminal._operator_prompts import (
     LONGEST_ANSWER,
     ScriptedOperator,
     TerminalOperator,

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-import standoff.terminal.output
-from standoff.terminal.output import (
+import standoff.terminal._output
+from standoff.terminal._output import (
     NOTED,
     note,
     note_in_passing,
@@ -29,7 +29,7 @@ def test_a_long_name_folds_and_figures_stay_whole(
 ) -> None:
     shown = io.StringIO()
     console = Console(file=shown, soft_wrap=True, highlight=False, width=width)
-    monkeypatch.setattr(standoff.terminal.output, "_RESULTS", console)
+    monkeypatch.setattr(standoff.terminal._output, "_RESULTS", console)
     print_table("Files", ["file", "sigma_x / px"], [[NAME, "0.8000 ± 0.0012"], ["b", "0.84"]])
     text = shown.getvalue()
     assert "0.8000 ± 0.0012" in text

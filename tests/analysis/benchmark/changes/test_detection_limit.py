@@ -5,7 +5,7 @@ from math import exp, inf, log
 import numpy as np
 import pytest
 
-from analysis.benchmark.changes_track import limit_estimate, limits_of
+from analysis.benchmark._changes_track import limit_estimate, limits_of
 from simulation.arrays import BoolArray, FloatArray
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import label
 
-from analysis.benchmark.change_answers import PlaceSteps, level_exceeded_by, place_counts
+from analysis.benchmark._change_answers import PlaceSteps, level_exceeded_by, place_counts
 
 
 def test_two_peaks_are_two_places_down_to_the_saddle_between_them() -> None:

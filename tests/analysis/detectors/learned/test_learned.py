@@ -15,7 +15,7 @@ from analysis.detectors.learned import (
     load_learned,
     train_detector,
 )
-from analysis.detectors.learned.weights import on_one_grid
+from analysis.detectors.learned._weights import on_one_grid
 from analysis.errors import DetectorError
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
@@ -33,7 +33,7 @@ class Pair:
 
 
 def untrained(seed: int = 0) -> LearnedDetector:
-    from analysis.detectors.learned.network import SiameseNetwork
+    from analysis.detectors.learned._network import SiameseNetwork
 
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -202,7 +202,7 @@ def test_the_onnx_file_says_the_same_at_any_size(tmp_path: Path) -> None:
 def test_without_torch_one_line_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(learned.weights, "find_spec", lambda _: None)
+    monkeypatch.setattr(learned._weights, "find_spec", lambda _: None)
     with pytest.raises(DetectorError, match=r"standoff\[learned\]"):
         load_learned(tmp_path / "a.pt")
     with pytest.raises(DetectorError, match=r"standoff\[learned\]"):

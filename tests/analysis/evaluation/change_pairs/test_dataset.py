@@ -12,8 +12,8 @@ import tifffile
 
 import standoff
 from analysis.errors import ResultsFileError
-from analysis.evaluation.change_pairs import dataset, labelled_pairs, read_dataset
-from analysis.evaluation.change_pairs.pairs import read_pairs
+from analysis.evaluation.change_pairs import _dataset as dataset, labelled_pairs, read_dataset
+from analysis.evaluation.change_pairs._pairs import read_pairs
 from standoff.errors import ApplicationError
 
 TASK = standoff.ChangePairsTask(pairs=2, crop_px=48, zooms=(1.0, 1.5), model="matched", seed=3)

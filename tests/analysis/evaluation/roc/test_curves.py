@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from scipy.stats import mannwhitneyu
 
 from analysis.evaluation.roc import precision_recall, roc_curve
-from analysis.evaluation.roc.curves import MOST_POINTS
+from analysis.evaluation.roc._curves import MOST_POINTS
 
 some_scores = st.lists(st.integers(-5, 5), min_size=1, max_size=30).map(
     lambda scores: np.array(scores, np.float64)

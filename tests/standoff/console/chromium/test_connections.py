@@ -331,7 +331,7 @@ def test_the_age_of_a_picture_is_by_the_consoles_clock(
 
     with textured_hub(tmp_path) as hub:
         monkeypatch.setattr(hub.frames, "_clock", an_hour_ago)
-        monkeypatch.setattr("standoff.console.web.live_sockets.wall_s", an_hour_ago)
+        monkeypatch.setattr("standoff.console.web._live_sockets.wall_s", an_hour_ago)
         with served(hub) as (host, port), opened_page(browser, f"http://{host}:{port}/") as page:
             page.wait_for_selector("body.mine")
             wait_until(

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser
 
 from acquisition.devices import FrameImage
 from acquisition.focus import Region
-from standoff.console.web.live_sockets import StateCache
+from standoff.console.web._live_sockets import StateCache
 from tests.standoff.console.chromium.pages import PHONE, LivePage, live_page
 from tests.standoff.console.console_rig import wait_until
 from tests.standoff.console.hub_fixtures import idle_hub, running_hub

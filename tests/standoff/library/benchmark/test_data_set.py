@@ -13,8 +13,8 @@ import pytest
 
 import standoff
 from standoff.errors import ApplicationError
-from standoff.library.benchmark import data_set
-from standoff.library.benchmark.data_set import STATE_NAME, file_facts
+from standoff.library.benchmark import _data_set as data_set
+from standoff.library.benchmark._data_set import STATE_NAME, file_facts
 from tests.standoff.conftest import Command
 
 LOCKED = {

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from PIL import Image
 
-from acquisition.photographs.encoding import LINEAR, SRGB
-from acquisition.photographs.photograph import Photograph
+from acquisition.photographs._encoding import LINEAR, SRGB
+from acquisition.photographs._photograph import Photograph
 from calibration.errors import CalibrationError
-from calibration.registration.features import POINT_COLUMNS
+from calibration.registration._features import POINT_COLUMNS
 from standoff.errors import ApplicationError, HintError
 from standoff.library.registration import (
     AlignmentHints,

@@ -1,0 +1,668 @@
+"""Two photographs in the roles that their comparison gives them, and how they are compared."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from analysis.changes._colour import PairColours
+from analysis.changes.matching import (
+    KERNEL_RADIUS_PX,
+    PixelPositions,
+    RelativeBlur,
+    Smoothing,
+    ToneCurve,
+    WhiteNoiseGain,
+    away_from,
+    relative_blur,
+    rounding_variance,
+    smoothed,
+    smoothing_for,
+)
+from analysis.choices import FALSE_ALARMS, SPOT_SIGMA_PX
+from calibration.registration import DistortedPose, RegistrationHints
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
+from simulation.capture_noise import CaptureNoise
+
+if TYPE_CHECKING:
+    from analysis.changes._prediction import LimitCurve
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CodedAlike:
+    """Reference and follow-up, grey, as files that are coded alike hold them; and their colours."""
+
+    photographs: tuple[AnyArray, AnyArray]
+    colours: PairColours | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ChangeCriteria:
+    """What counts as a change, as whoever compares decides.
+
+    It is carried as a whole from the caller to the comparison, and is part of what a series does.
+    ``false_alarms``: follow-up pixels flagged by chance, expected in a frame.
+    ``false_discovery_rate``: share of false ones among the changes listed, which then decides
+    instead; None for the rate of false alarms. ``least_dn``: amplitude below which what is
+    significant is counted and not listed; None for the step of the files, at each place.
+    ``count_moved``: whether what a shift explains is listed among the changes.
+    """
+
+    false_alarms: float = FALSE_ALARMS
+    false_discovery_rate: float | None = None
+    least_dn: float | None = None
+    count_moved: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ChangeOptions(ChangeCriteria):
+    """Options for comparing two photographs, besides what counts as a change.
+
+    ``pose``: pose of the follow-up in the reference; None registers them, with the lens's
+    distortion. ``hints``: what is known of the pose where none is given. ``noise``: noise of both
+    captures; None fits it. ``spot_sigma_px``: width of the spots that the map of the detection
+    limit is for, in follow-up pixels. ``limit_contrast_dn``: amplitude for
+    which the detection limit says where it would have been found. ``expected``: limits that were
+    predicted, to hold against the one that is shown. ``left_out, reference_left_out``: pixels of
+    the follow-up and of the reference that do not count, in their shapes. ``white_level_dn``:
+    levels at which the reference and the follow-up are clipped, where they are known; a plateau at
+    the top counts anyway. ``variance_dn2``: variance of each pixel of the reference and the
+    follow-up, where it is known, as of captures merged from several exposures; it comes before
+    ``noise``. ``step_variance_dn2``: variance of each pixel of the reference and the follow-up by
+    the steps of their files, where those are known; otherwise they are looked for among the levels.
+    ``step_dn``: steps of the levels of reference and follow-up,
+    at each pixel, where they are known. ``coded_alike``: gives reference and follow-up as they
+    would be in files that are coded alike, for photographs whose pixels lie upon each other.
+    ``colours``: of photographs in colour; without them the levels are compared alone.
+    ``limit_rgb``: direction in linear levels of red, green and blue of the changes that the limit
+    is for, the largest of them 1; of photographs in colour.
+    """
+
+    pose: DistortedPose | None = None
+    hints: RegistrationHints | None = None
+    noise: CaptureNoise | None = None
+    spot_sigma_px: float = SPOT_SIGMA_PX
+    limit_contrast_dn: float | None = None
+    expected: "LimitCurve | None" = None
+    left_out: BoolArray | None = None
+    reference_left_out: BoolArray | None = None
+    white_level_dn: tuple[float | None, float | None] = (None, None)
+    variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
+    step_variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
+    step_dn: tuple[Float32Array | None, Float32Array | None] = (None, None)
+    coded_alike: Callable[[], CodedAlike] | None = None
+    colours: PairColours | None = None
+    limit_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+_LEAST_CLIPPED_SHARE: Final = 1e-4
+"""Share of the frame at one end of the levels; fewer are noise, or a defect of a pixel or two."""
+
+_WHITE_DN: Final = 0.5
+_WHITE_RATIO: Final = 0.002
+"""Clipped levels may be this far below white; less where white is 1."""
+
+_LEVELS_BELOW: Final = 4
+_ABOVE_CHANCE: Final = 3.0
+"""A plateau holds more pixels than any of the four next levels, by this factor: levels thin out
+towards their end unless they are cut off there. Noise of 1.2 levels on a ramp into white piles up
+5 times as many."""
+
+
+_CLUSTER_PX: Final = 3
+"""Pixels of a 3 x 3 neighbourhood at an end of the file's levels: light that reached it. Two may be
+noise; fewer than a plateau's share of the frame, they still hold a false change of 12 px."""
+
+_FULL_SCALES: Final = (1.0, *(2.0**bits - 1 for bits in (8, 10, 12, 14, 16)))
+
+
+def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
+    """Mark pixels that are clipped, at either end.
+
+    ``image_dn``: shape ``(rows, cols)``. ``white_level_dn``: level at which the photograph is
+    clipped, if it is known; a plateau counts anyway.
+    """
+    return clipped_at_white(image_dn, white_level_dn) | _clipped_at_black(image_dn)
+
+
+def _clipped_at_black(image_dn: FloatImage) -> BoolArray:
+    """Mark pixels on a plateau at the lowest level, or at 0.
+
+    Of those whose light is missing no more than noise where they are single, only the ones amid
+    others.
+    """
+    lost: BoolArray = np.zeros(image_dn.shape, dtype=np.bool_)
+    if image_dn.min() == 0:
+        lost |= _clusters(np.asarray(image_dn == 0))
+    black = _plateau(-image_dn)
+    if black.any():
+        around = cv2.blur(black.astype(np.float32), (3, 3), borderType=cv2.BORDER_REFLECT_101)
+        lost |= black & (around > 0.5)
+    return lost
+
+
+def clipped_at_white(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
+    """Mark pixels at the white level, or on a plateau at the highest."""
+    lost = _plateau(image_dn)
+    highest = float(image_dn.max())
+    if highest in _FULL_SCALES:
+        lost |= _clusters(np.asarray(image_dn == highest))
+    if white_level_dn is not None:
+        below = min(_WHITE_DN, _WHITE_RATIO * abs(white_level_dn))
+        at_white = image_dn >= white_level_dn - below
+        if np.count_nonzero(at_white) > _LEAST_CLIPPED_SHARE * image_dn.size:
+            lost |= at_white
+    return lost
+
+
+def _clusters(at_end: BoolArray) -> BoolArray:
+    """Pixels of a mask that are next to others of it."""
+    if not at_end.any():
+        return at_end
+    count = cv2.boxFilter(
+        at_end.astype(np.uint8), cv2.CV_8U, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(at_end & (count >= _CLUSTER_PX))
+
+
+def _plateau(image_dn: FloatImage) -> BoolArray:
+    """Pixels at exactly the highest level, if they are far too many for the end of a tail."""
+    highest = image_dn.max()
+    at_top: BoolArray = np.asarray(image_dn == highest)
+    count = np.count_nonzero(at_top)
+    if not _LEAST_CLIPPED_SHARE * image_dn.size < count < image_dn.size:
+        return np.zeros_like(at_top)
+    below = image_dn[~at_top]
+    for _ in range(_LEVELS_BELOW):
+        is_next = below == below.max()
+        if count < _ABOVE_CHANCE * np.count_nonzero(is_next):
+            return np.zeros_like(at_top)
+        below = below[~is_next]
+        if not below.size:
+            break
+    return at_top
+
+
+_COMMON_PSF_PX2 = 0.64
+"""Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
+
+Ends = tuple[BoolArray, BoolArray]
+"""Pixels at black, and at white."""
+
+_BORDER_SD = 3.0
+_LEAST_SHARE, _LEAST_PIXELS = 0.2, 1000
+"""Of the pixels within the border, between the ends of the scale, for models to be fitted there."""
+
+_LEAST_OF_A_LEVEL, _MOST_OF_TWO_LEVELS = 0.01, 0.9
+"""Share of the pixels at black and at white, each and both, from which on a picture counts as a
+drawing of these two levels."""
+
+_UNLIKE_OUTLINES = 0.02
+"""Share of the pixels beside outlines that differ, from which on these were drawn anew."""
+
+_BETWEEN_LEVELS = np.float32(3.0)
+"""Light half-way between two levels takes either by chance: a quarter of the squared step, where a
+twelfth is the mean over all light. Of a smooth surface whole places lie there."""
+
+_AROUND_PX, _MOSTLY = 2.0, 0.8
+"""Share of the pixels around one, by a Gaussian, from which on a channel is at an end of its scale
+there. Half of them are where noise about that end is cut off, and this is seen in both."""
+
+_CLIPPED_BY_CHANCE_SD = np.float32(4.0)
+"""How far below its end a level of a bracket may have been clipped by the noise of one exposure."""
+
+_CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
+"""Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PhotographPair:
+    """The two photographs in the roles that the comparison gives them.
+
+    ``is_on_followup``: whether the target is the follow-up. ``source, target``: the nearer
+    photograph and the other one. ``positions``: where the target's pixels lie in the source.
+    ``source_ends, target_ends``: those at black and those at white. ``is_drawn``: whether both are
+    drawings of two levels, each with outlines of its own: the ends of the scale are the scene, and
+    beside an outline the step of the levels is that between them. ``tone_slope``: slope of the tone
+    curve that took the target to the source's levels, at its pixels; None if it is as it was.
+    ``tone_variance_dn2``: variance of that curve at the pixels. ``source_variance_dn2,
+    target_variance_dn2``: variance of their pixels, where it is known. ``source_steps_dn2,
+    target_steps_dn2``: their variance by the steps of their files, where it is known.
+    """
+
+    is_on_followup: bool
+    source: Float32Array = field(repr=False)
+    target: Float32Array = field(repr=False)
+    positions: PixelPositions = field(repr=False)
+    source_finite: BoolArray = field(repr=False)
+    target_finite: BoolArray = field(repr=False)
+    source_ends: Ends = field(repr=False)
+    target_ends: Ends = field(repr=False)
+    is_drawn: bool = False
+    tone_slope: Float32Array | None = None
+    tone_variance_dn2: Float32Array | None = None
+    source_variance_dn2: Float32Array | None = field(default=None, repr=False)
+    target_variance_dn2: Float32Array | None = field(default=None, repr=False)
+    source_steps_dn2: Float32Array | None = field(default=None, repr=False)
+    target_steps_dn2: Float32Array | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(
+        cls, reference: AnyArray, followup: AnyArray, pose: DistortedPose, options: ChangeOptions
+    ) -> "PhotographPair":
+        """Give the photographs their roles: the coarser one is the target."""
+        is_on_followup = pose.zoom >= 1
+        images, usable, ends, variances = [], [], [], []
+        for image, white, known in zip(
+            (reference, followup), options.white_level_dn, options.variance_dn2, strict=True
+        ):
+            levels = np.asarray(image, dtype=np.float32)
+            finite = np.isfinite(levels)
+            levels = np.where(finite, levels, np.float32(0))
+            clipped = clipped_at_white(levels, white)
+            if known is not None:
+                levels, known, clipped = _least_light(levels, known, clipped)
+            images.append(levels)
+            variances.append(known)
+            usable.append(finite)
+            ends.append((_clipped_at_black(levels), clipped))
+        for own, left_out in zip(
+            usable, (options.reference_left_out, options.left_out), strict=True
+        ):
+            if left_out is not None:
+                own &= ~left_out
+        towards = pose.to_reference_px
+        steps = [
+            rounding_variance(image) if known is None else known
+            for image, known in zip(images, options.step_variance_dn2, strict=True)
+        ]
+        if not is_on_followup:
+            images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
+            ends = ends[::-1]
+            variances, steps = variances[::-1], steps[::-1]
+        shapes = [(image.shape[0], image.shape[1]) for image in images]
+        pair = cls(
+            is_on_followup=is_on_followup,
+            source=images[0],
+            target=images[1],
+            positions=PixelPositions.of(towards, shapes[1], shapes[0]),
+            source_finite=usable[0],
+            target_finite=usable[1],
+            source_ends=ends[0],
+            target_ends=ends[1],
+            source_variance_dn2=variances[0],
+            target_variance_dn2=variances[1],
+            source_steps_dn2=steps[0],
+            target_steps_dn2=steps[1],
+        )
+        if not pair._is_of_two_levels or pair._has_like_outlines:
+            return pair
+        drawn = [_drawn_variance(image) for image in images]
+        return replace(pair, is_drawn=True, source_steps_dn2=drawn[0], target_steps_dn2=drawn[1])
+
+    def channel(self, number: int, options: ChangeOptions) -> "PhotographPair":
+        """Return the pair with one channel of the photographs' colours instead of their luma."""
+        colours = options.colours
+        assert colours is not None, "photographs in colour"
+        images, ends, steps = [], [], []
+        for image, known, white in zip(
+            (colours.reference_dn, colours.followup_dn),
+            colours.step_variance_dn2,
+            options.white_level_dn,
+            strict=True,
+        ):
+            levels = np.asarray(image[..., number], dtype=np.float32)
+            levels = np.where(np.isfinite(levels), levels, np.float32(0))
+            images.append(levels)
+            ends.append(
+                (_mostly(_clipped_at_black(levels)), _mostly(clipped_at_white(levels, white)))
+            )
+            step_dn2 = rounding_variance(levels) if known is None else known[..., number]
+            steps.append(_drawn_variance(levels) if self.is_drawn else step_dn2)
+        if not self.is_on_followup:
+            images, ends, steps = images[::-1], ends[::-1], steps[::-1]
+        return replace(
+            self,
+            source=images[0],
+            target=images[1],
+            source_ends=ends[0],
+            target_ends=ends[1],
+            source_variance_dn2=None,
+            target_variance_dn2=None,
+            source_steps_dn2=steps[0],
+            target_steps_dn2=steps[1],
+        )
+
+    @property
+    def guessed_blur_px2(self) -> float:
+        """How much blurrier the target is if one camera took both."""
+        return _COMMON_PSF_PX2 * (1 - 1 / self.positions.zoom**2)
+
+    def blur(self, valid: BoolArray, expected_px2: float) -> RelativeBlur:
+        """Measure how much blurrier the target is, on the pixels ``valid``, from a first guess."""
+        steps = tuple(
+            0.0 if one is None else float(np.mean(one))
+            for one in (self.source_steps_dn2, self.target_steps_dn2)
+        )
+        return relative_blur(
+            self.source, self.target, self.positions, valid, expected_px2, (steps[0], steps[1])
+        )
+
+    def rounding_variance_dn2(
+        self, gains: WhiteNoiseGain, smoothing: Smoothing
+    ) -> Float32Array | None:
+        """Most that the steps of the files give the difference; None where these are not known."""
+        own, other = self.target_steps_dn2, self.source_steps_dn2
+        total = None if own is None else np.float32(gains.target) * own
+        if other is not None:
+            brought = np.float32(gains.source) * np.nan_to_num(self.positions.seen(other))
+            total = brought if total is None else total + brought
+        return None if total is None else smoothed(total * _BETWEEN_LEVELS, smoothing.target_px)
+
+    def with_tone(self, curve: ToneCurve) -> "PhotographPair":
+        """Return the pair with the target in the source's levels; its variance is fitted then."""
+        return replace(
+            self,
+            source_variance_dn2=None,
+            target_variance_dn2=None,
+            target=curve.of(self.target),
+            target_steps_dn2=None
+            if self.target_steps_dn2 is None
+            else self.target_steps_dn2 * np.square(curve.slope(self.target)),
+            tone_slope=smoothed(curve.slope(self.target), 1.0),
+            tone_variance_dn2=smoothed(curve.variance(self.target), 1.0),
+        )
+
+    def valid(self, smoothing: Smoothing) -> BoolArray:
+        """Pixels of the target that models are fitted to.
+
+        Neither a border nor a pixel at an end of the scale reaches them, unless that leaves next to
+        nothing: of drawings and scans, the ends are the scene.
+        """
+        inside = self._inside(smoothing)
+        sound = self._away(inside, smoothing, [source | target for source, target in self._ends])
+        least = max(_LEAST_SHARE * np.count_nonzero(inside), _LEAST_PIXELS)
+        return sound if np.count_nonzero(sound) >= least else inside
+
+    def compared(self, smoothing: Smoothing) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """Pixels that are compared, and those whose difference may be larger, or smaller.
+
+        What is at white may be brighter, what is at black darker. Where both photographs are at
+        one end, nothing is known.
+        """
+        inside = self._inside(smoothing)
+        if self.is_drawn:
+            none = np.zeros_like(inside)
+            return inside, none, none
+        (source_black, target_black), (source_white, target_white) = self._ends
+        may_be_more, may_be_less = (
+            ~self._away(inside, smoothing, ends)
+            for ends in ((target_white | source_black,), (target_black | source_white,))
+        )
+        return inside & ~(may_be_more & may_be_less), may_be_more, may_be_less
+
+    @property
+    def _is_of_two_levels(self) -> bool:
+        """Whether both are drawings of black and white."""
+        return all(
+            min(np.mean(black), np.mean(white)) >= _LEAST_OF_A_LEVEL
+            and np.mean(black | white) >= _MOST_OF_TWO_LEVELS
+            for black, white in (self.source_ends, self.target_ends)
+        )
+
+    @property
+    def _has_like_outlines(self) -> bool:
+        """Whether the outlines of a drawing lie pixel upon pixel in both, as in a copy."""
+        shift = self.positions.whole_shift
+        if shift is None:
+            return False
+        outlines = _drawn_variance(self.target) > 0
+        apart = np.abs(self.target - self.positions.seen(self.source))[outlines]
+        step_dn = float(np.ptp(self.target))
+        return bool(np.mean(apart > step_dn / 2) < _UNLIKE_OUTLINES)
+
+    @property
+    def _ends(self) -> tuple[tuple[BoolArray, BoolArray], tuple[BoolArray, BoolArray]]:
+        """Of source and target, the target's pixels at black; and those at white."""
+        brought = [
+            self.positions.inside(end, 0.0) if end.any() else np.zeros_like(self.target_finite)
+            for end in self.source_ends
+        ]
+        return (brought[0], self.target_ends[0]), (brought[1], self.target_ends[1])
+
+    def _away(
+        self, inside: BoolArray, smoothing: Smoothing, ends: Sequence[BoolArray]
+    ) -> BoolArray:
+        """Pixels that none at an end reaches, by the smoothing and by what lenses scatter.
+
+        Of one view, both photographs scatter alike.
+        """
+        reach_px = 0.0
+        if self.positions.whole_shift is None:
+            reach_px = _CLIPPED_PX + _CLIPPED_SD * max(smoothing.source_px, smoothing.target_px)
+        sound = inside.copy()
+        for end in ends:
+            sound &= away_from(end, reach_px)
+        return sound
+
+    def _inside(self, smoothing: Smoothing) -> BoolArray:
+        zoom = self.positions.zoom
+        source_px, target_px = smoothing.source_px, smoothing.target_px
+        border_px = KERNEL_RADIUS_PX + _BORDER_SD * max(source_px, target_px)
+        sound = away_from(~self.source_finite, _CLIPPED_PX + _CLIPPED_SD * source_px * zoom)
+        inside = self.positions.inside(sound, border_px * zoom)
+        inside &= away_from(~self.target_finite, _CLIPPED_PX + _CLIPPED_SD * target_px)
+        width = int(np.ceil(border_px))
+        inside[:width] = inside[-width:] = False
+        inside[:, :width] = inside[:, -width:] = False
+        return inside
+
+    def known_variances(self, smoothing: Smoothing) -> tuple[Float32Array | None, ...]:
+        """Variances of target and source at the target's pixels, where known.
+
+        A smoothed image has the variance smoothed by the square of the kernel: of a Gaussian, one
+        narrower by sqrt(2).
+        """
+        target, source = self.target_variance_dn2, self.source_variance_dn2
+        if target is not None:
+            target = smoothed(target, smoothing.target_px * 0.5**0.5)
+        if source is not None:
+            width_px = smoothing.source_px * self.positions.zoom * 0.5**0.5
+            seen = self.positions.seen(self.positions.coefficients(source, width_px))
+            source = np.maximum(np.nan_to_num(seen, copy=False, nan=float(np.mean(source))), 0)
+        return target, source
+
+    def seen(self, smoothing_px: float) -> Float32Array:
+        """The source on the target's pixels, smoothed; its mean where it shows nothing."""
+        width_px = smoothing_px * self.positions.zoom
+        seen = self.positions.seen(self.positions.coefficients(self.source, width_px))
+        return np.nan_to_num(seen, copy=False, nan=float(np.mean(self.source)))
+
+
+def _least_light(
+    levels_dn: Float32Array, variance_dn2: Float32Array, clipped: BoolArray
+) -> tuple[Float32Array, Float32Array, BoolArray]:
+    """Levels of a bracket that end where chance may clip them, their variance, and where they end.
+
+    A bracket says white of a pixel, and no variance, where any of its exposures was clipped; the
+    levels below end where an exposure does, less its black.
+    """
+    if not clipped.any() or clipped.all():
+        return levels_dn, variance_dn2, clipped
+    top_dn, most_dn2 = levels_dn[~clipped].max(), variance_dn2[~clipped].max()
+    least_dn = top_dn - _CLIPPED_BY_CHANCE_SD * np.sqrt(most_dn2)
+    clipped = levels_dn >= least_dn
+    return (
+        np.where(clipped, least_dn, levels_dn),
+        np.where(clipped, most_dn2, variance_dn2),
+        clipped,
+    )
+
+
+def _drawn_variance(image_dn: Float32Array) -> Float32Array:
+    """Twelfth of the squared step that a drawing of two levels takes beside each pixel."""
+    around = np.ones((3, 3), dtype=np.uint8)
+    return np.asarray((cv2.dilate(image_dn, around) - cv2.erode(image_dn, around)) ** 2 / 12)
+
+
+def _mostly(mask: BoolArray) -> BoolArray:
+    """Pixels of a mask amid others of it."""
+    if not mask.any():
+        return mask
+    return np.asarray(mask & (smoothed(mask.astype(np.float32), _AROUND_PX) > _MOSTLY))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _OneView:
+    """The pose of two photographs of one view, and how much blurrier one is."""
+
+    pose: DistortedPose
+    blur: RelativeBlur
+
+
+_LEAST_VIEW_PIXELS: Final = 1000
+_MOST_UNLIKE: Final = 0.25
+"""Mean square of what differs over that of the scene: 2 for two unrelated ones, 0.2 at a noise as
+large as the scene."""
+
+_NEAR_PX: Final = 0.5
+"""A pose so near to a shift by whole pixels may be one."""
+
+_NEARBY_PX: Final = 4.0
+"""A pose so near to one may be an error of the registration, where what differs is irregular."""
+
+_MOST_PX, _SURELY, _MOST_ERR_PX = 0.03, 3.0, 0.1
+"""Displacement at a corner that does not matter, the standard errors up to which it is none, and
+the error beyond which nothing is known of it. Registration is no better than 0.01 to 0.03 px."""
+
+
+def one_view(
+    reference: AnyArray,
+    followup: AnyArray,
+    options: ChangeOptions,
+    shift_px: tuple[int, int] = (0, 0),
+) -> _OneView | None:
+    """Return the pose of one view, if the photographs are such; None if they are to be aligned.
+
+    A camera that stood still is not to be aligned: the errors of that would be the only ones.
+    ``reference, followup``: grey, shape ``(rows, cols)`` each. ``shift_px``: ``(y, x)`` of the
+    follow-up's first pixel in the reference.
+    """
+    pose = _shifted(reference, followup, shift_px)
+    found = _blur_at(reference, followup, options, pose)
+    if found is None:
+        return None
+    apart_px, err_px = found.most_displaced
+    # Written so that NaN is no view.
+    if not (found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX):
+        return None
+    if not apart_px <= max(_MOST_PX, _SURELY * err_px):
+        return None
+    return _OneView(pose=pose, blur=found)
+
+
+def view_rather(
+    reference: AnyArray, followup: AnyArray, options: ChangeOptions, pose: DistortedPose
+) -> _OneView | None:
+    """Return the pose of one view, if the photographs agree better at it than as registered.
+
+    Where next to nothing is seen, registration may be far off. A drawing of which each line was
+    moved a little, by itself, has no pose: registration then follows some of the lines.
+    ``reference, followup``: grey, shape ``(rows, cols)`` each.
+    """
+    nearest = nearest_shift(pose, _NEARBY_PX) or (0, 0)
+    registered = _seen_from(reference, pose)
+    for shift_px in sorted({(0, 0), nearest}):
+        shifted = _shifted(reference, followup, shift_px)
+        # Interpolation makes noise less, smoothing what a line displaced by itself adds.
+        both = registered, _seen_from(reference, shifted)
+        if not any(_is_nearer(both, followup, options, smoothing_px) for smoothing_px in (0, 1)):
+            continue
+        blur = _blur_at(reference, followup, options, shifted)
+        if blur is not None:
+            return _OneView(pose=shifted, blur=blur)
+    return None
+
+
+def _blur_at(
+    reference: AnyArray, followup: AnyArray, options: ChangeOptions, pose: DistortedPose
+) -> RelativeBlur | None:
+    """How much blurrier one is at a pose; None where they share too little."""
+    pair = PhotographPair.of(reference, followup, pose, options)
+    valid = pair.valid(smoothing_for(0.0))
+    return None if np.count_nonzero(valid) < _LEAST_VIEW_PIXELS else pair.blur(valid, 0.0)
+
+
+def _seen_from(reference: AnyArray, pose: DistortedPose) -> Float32Array:
+    """The reference on the follow-up's pixels, NaN outside: for a mean, not for a comparison."""
+    levels = np.asarray(reference, dtype=np.float32)
+    rows, cols = pose.followup_shape
+    if pose.k1 == 0:
+        return np.asarray(
+            cv2.warpPerspective(
+                levels,
+                pose.matrix,
+                (cols, rows),
+                flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+                borderValue=(np.nan,) * 4,
+            ),
+            dtype=np.float32,
+        )
+    y, x = np.indices((rows, cols), dtype=np.float64)
+    to_y, to_x = (one.astype(np.float32) for one in pose.to_reference_px(y, x))
+    seen = cv2.remap(levels, to_x, to_y, cv2.INTER_CUBIC, borderValue=(np.nan,) * 4)
+    return np.asarray(seen, dtype=np.float32)
+
+
+def _is_nearer(
+    both: tuple[Float32Array, Float32Array],
+    followup: AnyArray,
+    options: ChangeOptions,
+    smoothing_px: float,
+) -> bool:
+    """Whether the second of two images differs less from the follow-up, in one light each."""
+    own = np.asarray(followup, dtype=np.float32)
+    if smoothing_px > 0:
+        both = smoothed(both[0], smoothing_px), smoothed(both[1], smoothing_px)
+        own = smoothed(own, smoothing_px)
+    valid = np.isfinite(both[0]) & np.isfinite(both[1]) & np.isfinite(own)
+    if options.left_out is not None:
+        valid &= ~options.left_out
+    if np.count_nonzero(valid) < _LEAST_VIEW_PIXELS:
+        return False
+    levels = own[valid]
+    levels -= np.median(levels)
+    apart = []
+    for image in both:
+        others = image[valid]
+        others -= np.median(others)
+        # Not the slope of a regression, which is less where they differ more.
+        gain = np.mean(np.abs(levels)) / max(float(np.mean(np.abs(others))), 1e-30)
+        apart.append(float(np.mean(np.abs(levels - np.float32(gain) * others))))
+    return apart[1] < apart[0]
+
+
+def _shifted(reference: AnyArray, followup: AnyArray, shift_px: tuple[int, int]) -> DistortedPose:
+    matrix = np.array([[1.0, 0.0, shift_px[1]], [0.0, 1.0, shift_px[0]], [0.0, 0.0, 1.0]])
+    shapes = [
+        (int(one.shape[0]), int(one.shape[1])) for one in map(np.asarray, (reference, followup))
+    ]
+    return DistortedPose(matrix=matrix, k1=0.0, reference_shape=shapes[0], followup_shape=shapes[1])
+
+
+def nearest_shift(pose: DistortedPose, near_px: float = _NEAR_PX) -> tuple[int, int] | None:
+    """Whole pixels ``(y, x)`` by which a pose moves the frame; None if it is no such shift.
+
+    ``near_px``: how far the corners may be from where the shift puts them.
+    """
+    rows, cols = pose.followup_shape
+    y, x = (
+        np.array([0.0, 0.0, rows - 1.0, rows - 1.0]),
+        np.array([0.0, cols - 1.0, 0.0, cols - 1.0]),
+    )
+    to_y, to_x = pose.to_reference_px(y, x)
+    shift_y, shift_x = round(float(np.mean(to_y - y))), round(float(np.mean(to_x - x)))
+    apart = np.hypot(to_y - y - shift_y, to_x - x - shift_x)
+    return (shift_y, shift_x) if float(apart.max()) < near_px else None

@@ -1,0 +1,214 @@
+"""The report of a noise calibration: photon transfer, linearity and the maps."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from analysis.reports._page import (
+    Report,
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    Verdict,
+    in_report_style,
+    new_figure,
+    new_plot,
+    number_text,
+    present,
+)
+from calibration.noise import (
+    CorrectionMaps,
+    Linearity,
+    NoiseMeasurement,
+    PhotonTransfer,
+    draw_photon_transfer,
+)
+from calibration.sharpness import NORMAL_95, with_reach
+from simulation.palette import BLUE, INK, VERMILION
+
+
+@in_report_style
+def _plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
+    """Plot the variance of a frame against the light, the fit, and the residuals in percent."""
+    black = transfer.dark.black_level_dn
+    light = np.array([sample.mean_dn - black for sample in transfer.samples])
+    variance = np.array([sample.variance_dn2 for sample in transfer.samples])
+    err = np.array(
+        [
+            sample.variance_dn2 * np.sqrt(2 / ((sample.frames - 1) * sample.pixels))
+            for sample in transfer.samples
+        ]
+    )
+    fitted = np.array([sample.is_fitted for sample in transfer.samples])
+    figure = new_figure(6.4, 4.4)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
+    draw_photon_transfer(upper, transfer)
+    expected = transfer.variance_dn2(light)
+    lower.errorbar(
+        light[fitted], 100 * (variance / expected - 1)[fitted],
+        yerr=100 * NORMAL_95 * (err / expected)[fitted],
+        fmt="o", markersize=4, linewidth=0.9, color=BLUE,
+    )  # fmt: skip
+    lower.axhline(0, color=INK, linewidth=0.8)
+    lower.margins(y=0.25)
+    lower.set(xlabel="level above black / DN", ylabel="variance\nresidual / %")
+    return figure
+
+
+@in_report_style
+def _plot_linearity(linearity: Linearity) -> Figure:
+    """Plot the deviation of each level from a line through the exposures, in percent."""
+    figure, axes = new_plot(6.4, 2.6)
+    axes.plot(
+        linearity.light_dn, 100 * np.array(linearity.deviations), "o", markersize=4, color=BLUE
+    )
+    axes.axhline(0, color=INK, linewidth=0.8)
+    axes.margins(y=0.25)
+    axes.set(xlabel="level above black / DN", ylabel="deviation from line / %", xlim=(0, None))
+    return figure
+
+
+@in_report_style
+def _plot_maps(maps: CorrectionMaps) -> Figure:
+    """Show the dark and the flat map, with the defect pixels circled."""
+    rows, cols = maps.dark_dn.shape
+    figure = new_figure(7.2, 3.3 * rows / cols + 0.6)
+    y, x = np.nonzero(maps.defects)
+    for axes, image, title in zip(
+        figure.subplots(1, 2),
+        (maps.dark_dn, maps.response),
+        ("dark map / DN", "flat map, mean 1"),
+        strict=True,
+    ):
+        low, high = np.percentile(image, [0.5, 99.5])
+        shown = axes.imshow(image, cmap="viridis", vmin=low, vmax=max(high, low + 1e-9))
+        axes.plot(x, y, "o", markersize=7, markerfacecolor="none", color=VERMILION, linewidth=1)
+        axes.set(title=title, xlabel="x / px", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
+        axes.grid(visible=False)
+        figure.colorbar(shown, ax=axes, shrink=0.8)
+    return figure
+
+
+def noise_report(noise: NoiseMeasurement, source: str) -> Report:
+    """Return the report; ``source`` says where the captures are from."""
+    transfer, known = noise.transfer, noise.calibration
+    return Report(
+        title="Camera noise",
+        subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures"
+        + (f", {known.captured_utc[:10]}" if known.captured_utc else ""),
+        verdicts=_verdicts(noise),
+        sections=present(
+            _transfer_section(transfer),
+            _linearity_section(transfer.linearity),
+            _maps_section(noise),
+            _captures_section(transfer),
+        ),
+        provenance=(
+            (
+                "camera",
+                f"{known.camera_model or 'unknown'}, {known.camera_serial or 'no serial'}",
+            ),
+            ("gain", "unknown" if known.gain_db is None else f"{known.gain_db:g} dB"),
+            ("pixel format", known.pixel_format or "unknown"),
+            ("fitted levels", f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"),
+        ),
+        origin=known.provenance,
+    )
+
+
+def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
+    transfer = noise.transfer
+    dark, saturation = transfer.dark, transfer.saturation
+    measured = (
+        ("Gain", transfer.gain_e_per_dn, transfer.gain_e_per_dn_err, 4, "e/DN"),
+        ("Read noise", transfer.read_noise_e, transfer.read_noise_e_err, 3, "e"),
+        ("Black level", dark.black_level_dn, dark.black_level_dn_err, 3, "DN"),
+    )
+    electrons = f"{transfer.saturation_e:.0f} e"
+    return (
+        *(
+            Verdict(
+                name,
+                f"{value:.{digits}f} {unit}",
+                f"{with_reach(value, NORMAL_95 * err, digits)} {unit}",
+            )
+            for name, value, err, digits, unit in measured
+        ),
+        Verdict(
+            "Saturation",
+            f"{saturation.level_dn:.0f} DN",
+            electrons if saturation.is_reached else "not reached; from the pixel format",
+        ),
+    )
+
+
+def _transfer_section(transfer: PhotonTransfer) -> ReportSection:
+    return ReportSection.of(
+        "Photon transfer",
+        "The variance of one frame rises with the light: its slope is 1 over the gain, its "
+        "value without light the read noise (minus 1/12 DN² of rounding). Flats above 70 % of "
+        "saturation are not fitted.",
+        f"Scatter about the line: {transfer.chi2_reduced:.2f} times that expected from the "
+        "number of pixels; above 1, the errors are widened by its square root.",
+        *transfer.notes,
+        ReportFigure.of(
+            _plot_photon_transfer(transfer),
+            "Mean of all good pixels of each capture. Below: deviation from the fit, with the "
+            "95 % interval that the number of pixels gives.",
+        ),
+    )
+
+
+def _linearity_section(linearity: Linearity | None) -> ReportSection | None:
+    if linearity is None:
+        return None
+    drift = (
+        "No exposure was captured twice, so a drift of the light counts as deviation."
+        if linearity.light_drift_per_s is None
+        else f"The light drifted by {100 * linearity.light_drift_per_s:.2g} % per second; this "
+        "drift is removed."
+    )
+    return ReportSection.of(
+        "Linearity",
+        f"Mean deviation {100 * linearity.mean_deviation:.3f} %, worst "
+        f"{100 * linearity.worst_deviation:.3f} %, between 5 and 95 % of saturation. {drift}",
+        ReportFigure.of(_plot_linearity(linearity), "Deviation of the level from a line."),
+    )
+
+
+def _maps_section(noise: NoiseMeasurement) -> ReportSection:
+    pixels, gain = noise.nonuniformity, noise.transfer.gain_e_per_dn
+    return ReportSection.of(
+        "Sensor maps",
+        "The flat map contains the lens's fall-off, the unevenness of the light and the "
+        "response of the pixels; it is valid only for this lens, aperture and light.",
+        ReportTable(
+            columns=("", "value"),
+            rows=(
+                ("dark pattern (DSNU)", f"{gain * pixels.dsnu_dn:.2f} e"),
+                ("response pattern (PRNU)", f"{100 * pixels.prnu:.3f} %"),
+                ("shading, smallest to largest", f"{100 * pixels.shading:.1f} %"),
+                ("defect pixels", str(pixels.defects)),
+            ),
+            caption="Patterns are standard deviations between pixels, with temporal noise "
+            "and large structures removed.",
+        ),
+        ReportFigure.of(_plot_maps(noise.maps), "Defects are circled.", "png"),
+    )
+
+
+def _captures_section(transfer: PhotonTransfer) -> ReportSection:
+    return ReportSection.of(
+        "Captures",
+        ReportTable.of(
+            transfer.samples,
+            {
+                "capture": lambda one: one.capture,
+                "exposure / µs": lambda one: number_text(one.exposure_us, "g"),
+                "level / DN": lambda one: f"{one.mean_dn:.3f}",
+                "variance / DN²": lambda one: f"{one.variance_dn2:.3f}",
+                "clipped": lambda one: f"{100 * one.clipped_fraction:.2f} %",
+                "": lambda one: "fitted" if one.is_fitted else "not fitted",
+            },
+        ),
+        is_folded=True,
+    )
