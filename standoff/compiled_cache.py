@@ -87,7 +87,7 @@ def holds_code() -> bool:
     """Whether edges were measured here before, with code that is kept."""
     kept = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(kept) if kept else Path(__file__).parents[1] / "calibration" / "edges"
-    return any(folder.rglob("likelihood._by_squares-*.nbi"))
+    return any(folder.rglob("_likelihood._by_squares-*.nbi"))
 
 
 def compile_ahead(works: tuple[tuple[str, ...], ...]) -> int:

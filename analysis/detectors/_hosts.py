@@ -177,7 +177,7 @@ class _Deadline:
         self._timer.join()
 
 
-WORKER = Path(__file__).with_name("child_worker.py")
+WORKER = Path(__file__).with_name("_child_worker.py")
 
 _STARTS_WITHIN_S = 120.0
 """For the imports of a detector: PyTorch takes 10 s on a cold disk."""

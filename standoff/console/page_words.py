@@ -113,7 +113,7 @@ def requirement(fault: ErrorDetails, unit: str = "") -> str:
     if fault["type"] in _EMPTY:
         least = facts["min_length"]
         return " must not be empty" if least == 1 else f" must have at least {least} entries"
-    text = _REQUIREMENTS.get(fault["type"], "is not valid")
+    text = _REQUIREMENTS.get(fault["type"], "cannot be used as it is")
     return f" {text.format(unit=unit, **facts)}"
 
 

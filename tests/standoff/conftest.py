@@ -36,8 +36,8 @@ class Command:
 
     def __call__(self, *arguments: object) -> Outcome:
         """Run a command line: as it is typed, with any number of single words after that."""
-        line, *words = arguments
-        return self.run([*shlex.split(str(line)), *map(str, words)])
+        line, words = arguments[:1], arguments[1:]
+        return self.run([*shlex.split(" ".join(map(str, line))), *map(str, words)])
 
     def done(self, *arguments: object) -> Outcome:
         """Run one that does what it is asked for."""

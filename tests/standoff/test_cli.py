@@ -221,7 +221,7 @@ def test_ctrl_c_is_status_130(
     def interrupt(path: Path, options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(acquisition.photographs._reader, "read_image", interrupt)
+    monkeypatch.setattr(acquisition.photographs._reader, "read_photograph", interrupt)
     done = command(
         "simulate", "x.tif", "--zoom", "2", "--model", "bicubic", "--out", tmp_path / "o.tif"
     )
@@ -326,7 +326,7 @@ def test_sigterm_ends_a_command_as_ctrl_c_does_with_a_status_of_its_own(
         signal.raise_signal(signal.SIGTERM)
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(acquisition.photographs._reader, "read_image", told_to_end)
+    monkeypatch.setattr(acquisition.photographs._reader, "read_photograph", told_to_end)
     words = ["simulate", "x.tif", "--zoom", "2", "--model", "bicubic", "--out", "o.tif"]
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["standoff", *words])

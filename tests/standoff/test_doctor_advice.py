@@ -36,7 +36,10 @@ ADVICE: list[tuple[DeviceError, str]] = [
     (MissingFeatureError("none", names=("Odd",)), "lacks Odd"),
     (CameraFeatureError("no", feature="PixelFormat"), "camera.pixel_format"),
     (CameraFeatureError("no", feature="AcquisitionFrameRateAbs"), "camera.frame_rate_hz"),
-    (CameraFeatureError("no", feature="GammaEnable"), "set GammaEnable in the maker's viewer"),
+    (
+        CameraFeatureError("no", feature="GammaEnable"),
+        "set GammaEnable to a possible value in the maker's viewer",
+    ),
     (CameraFeatureError("no", feature="the stream channel"), "switch the camera off and on again"),
     (CameraDescriptionError("odd", fault="circle"), "install the maker's firmware"),
     (DeviceProtocolError("odd"), "switch the camera off and on again"),

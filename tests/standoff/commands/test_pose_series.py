@@ -184,7 +184,7 @@ def test_of_many_the_first_and_the_worst_few_are_shown(
             found[far.tobytes()] = register_images(near, far, *hints)
         return found[far.tobytes()]
 
-    monkeypatch.setattr(pose_work, "register", register_once)
+    monkeypatch.setattr(pose_work, "register_images", register_once)
     for number in range(10, 31):
         shutil.copy(folder / "frame-0.tif", folder / f"frame-{number}.tif")
     done = command.done(*asked(folder), "--out", tmp_path / "out")
@@ -209,7 +209,7 @@ def test_the_reference_is_read_once_by_whoever_works(
         read.append(path.name)
         return read_photograph(path, *options)
 
-    monkeypatch.setattr(f"{references.__name__}.read_image", listing)
+    monkeypatch.setattr(f"{references.__name__}.read_photograph", listing)
     references._same_photograph.cache_clear()
     command.done(*asked(folder), "--out", tmp_path / "out")
     assert sorted(read) == ["frame-0.tif", "frame-1.tif", "frame-2.tif", "reference.tif"]
@@ -228,5 +228,8 @@ def test_any_number_of_workers_writes_the_same_bytes(
 
 
 def _content(path: Path) -> dict[str, bytes]:
-    files = [path] if path.is_file() else sorted(path.glob("*.json"))
-    return {file.name: file.read_bytes() for file in files}
+    if path.is_file():
+        return {path.name: path.read_bytes()}
+    # Each worker has a segment of its own, and what it did in it.
+    lines = [line for file in path.glob("*.records") for line in file.read_bytes().splitlines()]
+    return {"records": b"\n".join(sorted(lines))}

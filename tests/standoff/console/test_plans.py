@@ -68,7 +68,7 @@ def test_numbers_are_a_list_or_a_series() -> None:
          "target 1, exposures of the bracket must be at most 12"),
         (draft({"exposures": "-4"}), "targets.0.exposure_us.0",
          "target 1, exposures must be more than 0 µs"),
-        (draft({"exposures": "1 to 9 step 2"}), "targets.0.exposure_us", "a list"),
+        (draft({"exposures": "1 to 9 step 2"}), "targets.0.exposure_us", "list the exposures"),
         (draft(), "targets", "targets must not be empty"),
         (draft({}, frames=1), "frames_per_capture", "frames of a capture must be at least 2"),
         (draft({}, repeats=0), "repeats", "repeats must be at least 1"),
