@@ -234,7 +234,10 @@ def _outlined(region: LinkedRegion, field: SmoothedField) -> tuple[IntArray, Int
         (own.shape[1], own.shape[0]),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
     )
-    level = np.median(light[own & (light > light[own].max() / 2)])
+    highest = light[own].max()
+    if highest <= 0:  # of the other sign in this field: what was marked is all that is known
+        return region.rows, region.cols
+    level = np.median(light[own & (light > highest / 2)])
     above = light > level / 2
     _, labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)
     rows, cols = np.nonzero(above & np.isin(labels, np.unique(labels[above & own])))

@@ -9,7 +9,11 @@ from hypothesis import example, given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
+import standoff
+from analysis.changes._change_list import _outlined
 from analysis.changes._comparison import Comparison
+from analysis.changes._regions import LinkedRegion
+from analysis.changes._spot_fit import SmoothedField
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import (
     at_rest,
@@ -263,3 +267,36 @@ def test_the_smoothed_spot_of_these_tests_is_one() -> None:
     summed = float((plain * kernel).sum() / kernel.sum())
     smoothed = smoothed_spot((41, 41), (20.0, 20.0), 7.0, 2.0, 1.5)
     assert smoothed[20, 20] == pytest.approx(summed, rel=1e-6)
+
+
+def test_a_change_that_its_field_shows_with_the_other_sign_has_the_outline_of_its_pixels() -> None:
+    # As of a dark thing beside a bright one, seen through a filter wider than both.
+    rows, cols = np.nonzero(np.pad(np.ones((3, 4), np.bool_), ((20, 38), (30, 49))))
+    region = LinkedRegion(
+        level=0, row=21, col=31, significance=-9.0, rows=rows, cols=cols, light=np.zeros(0, int)
+    )
+    field = SmoothedField(
+        step_px=1,
+        smoothing=1.0,
+        difference_dn=np.full(SHAPE, 5.0, np.float32),
+        sd_dn=np.ones(SHAPE, np.float32),
+        valid=np.ones(SHAPE, np.bool_),
+    )
+    outline = _outlined(region, field)
+    np.testing.assert_array_equal(outline[0], rows)
+    np.testing.assert_array_equal(outline[1], cols)
+
+
+def test_changes_among_clipped_pixels_have_a_place() -> None:
+    rng = np.random.default_rng(1)
+    scene = 1000 + 4000 * gaussian_filter(rng.standard_normal((240, 260)), 1.5)
+    before, after = scene + rng.normal(0, 3, scene.shape), scene.copy()
+    after[60:64, 70:74] += 300
+    after[120:160, 150:190] += 200
+    after += rng.normal(0, 3, scene.shape)
+    near, far = (np.clip(levels, 0, 65535).astype(np.uint16) for levels in (before, after))
+    found = standoff.find_changes(near, far).summary.changes
+    places = [(change.y_px, change.x_px) for change in found]
+    assert places[0] == pytest.approx((139.5, 169.5), abs=2)
+    assert places[1] == pytest.approx((61.5, 71.5), abs=4)
+    assert len(places) == 2
