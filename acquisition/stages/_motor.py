@@ -77,7 +77,7 @@ class _MovableAxis(Protocol):
         ...
 
 
-class _MotorAxis(_MovableAxis, Protocol):
+class MotorAxis(_MovableAxis, Protocol):
     """One axis of a controller, in heights; it obeys and reports, and decides nothing.
 
     Every call may raise the errors of a line. One that learns of an alarm or a reset sets
@@ -266,7 +266,7 @@ class MotorStage:
     def __init__(
         self,
         config: StageConfig,
-        axis: _MotorAxis,
+        axis: MotorAxis,
         *,
         clock: Callable[[], float],
         sleep: Callable[[float], None],

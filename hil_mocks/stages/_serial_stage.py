@@ -14,7 +14,7 @@ from hil_mocks.stages._plant import StagePlant
 from hil_mocks.stages._zaber import ZaberFirmware
 
 
-class _Firmware(Protocol):
+class Firmware(Protocol):
     """A controller driven by bytes and time."""
 
     def receive(self, data: bytes) -> None:
@@ -59,7 +59,7 @@ class LineFaults:
 class SerialLine:
     """Carries bytes between a firmware and its host, subject to its faults."""
 
-    def __init__(self, firmware: _Firmware) -> None:
+    def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
         self._faults = LineFaults()
         self._spoilt = 0
