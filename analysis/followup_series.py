@@ -343,8 +343,8 @@ def run_series(
     for path in (summary, out / tables.table, parquet, *map(out.joinpath, tables.others)):
         path.unlink(missing_ok=True)  # of before: there is none until all are done
     sweep, records = announced_sweep(call, "follow-ups", manifest, work, options)
-    if not records.is_whole:
-        # Whichever part ends last writes the tables: others may have ended meanwhile.
+    if not records.is_whole or (options is not None and options.part != (1, 1)):
+        # Whichever part ends last writes the tables, of all: others may have ended meanwhile.
         records = Records(manifest, work)
     if not records.is_whole:
         return SeriesResult(sweep=sweep, summary=summary)

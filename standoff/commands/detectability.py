@@ -126,7 +126,7 @@ def detectability(
             lambda: {"out": url_of(out), "figures": files, **json_object(found)},
             lambda: _show_curves(out, files, found),
         )
-    terminal.end_refused(done, "measured", "the curves are of the {count}others")
+    terminal.end_refused(done, "measured", "the curves are from the {others}")
 
 
 def _show_curves(out: Path, files: list[str], found: DetectabilityCurves) -> None:

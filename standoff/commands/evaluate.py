@@ -118,7 +118,7 @@ def evaluate(
         terminal.say_part(sweep, done, "photographs scored", writes="writes the curves")
     else:
         _show(out, found.write(out, report=report), found.evaluation)
-    terminal.end_refused(done, "used", "the curves are of the {count}others")
+    terminal.end_refused(done, "used", "the curves are from the {others}")
 
 
 def _task(**values: object) -> EvaluationTask:

@@ -138,7 +138,7 @@ def plan_study(
     --------
     >>> study = standoff.plan_study("session.toml", "bench.toml", "psf.json", want="sigma=1%")
     >>> print(study.next_step)
-    Run the plan: it gives all that is wanted.
+    Run the plan: it is enough for everything that is wanted.
     """
     wants, layout = _parsed_wants(want), _board(board)
     call = Call("plan_study", progress, files=(plan, bench, psf, noise, geometry))

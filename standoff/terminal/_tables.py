@@ -285,16 +285,16 @@ def say_part(
     )
 
 
-def end_refused(sweep: SweepSummary, could: str, others: str) -> None:
+def end_refused(sweep: SweepSummary, could: str, rest: str) -> None:
     """End with the photographs that could not be measured or used, if there are any.
 
-    ``others`` says what is of those that could, whose number may stand in it as ``{count}``.
+    ``rest`` says what is of the others, who may stand in it as ``{others}``.
     """
-    sentence = others.format(count="")
+    sentence = rest.format(others="others")
     if sweep.refused > 1:
-        others = others.format(count=f"{sweep.images} ")
         listed = f"({sweep.refused_list} lists them)"
-        sentence = f"{sweep.refused} photographs could not be {could} {listed}; {others}"
+        rest = rest.format(others=f"other {sweep.images}")
+        sentence = f"{sweep.refused} photographs could not be {could} {listed}; {rest}"
     _end_refused(sweep, sentence)
 
 

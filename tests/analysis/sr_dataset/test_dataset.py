@@ -142,7 +142,8 @@ def test_a_batch_waits_for_the_disk_once(
     calls: list[int] = []
     monkeypatch.setattr(os, "fsync", calls.append)
     write(tmp_path, photographs, format=layout)
-    assert 60 < len(calls) <= 64 + 1  # batches, of which few have no photograph, and a folder
+    # 150 photographs fall into 128 batches, of which about 88 have one or more; and the folder.
+    assert 60 < len(calls) < 120
 
 
 @pytest.mark.slow  # starts worker processes

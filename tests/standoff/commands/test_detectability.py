@@ -60,7 +60,7 @@ def test_curves_and_figures_are_written_and_a_second_run_finds_its_cells(
     for name in ("noise.png", "noise.svg", "contrast.png", "contrast.svg"):
         assert (tmp_path / f"curves-{name}").stat().st_size > 5000
     sums = {path: path.stat().st_mtime_ns for path in (tmp_path / "curves.sweep").iterdir()}
-    assert len([path for path in sums if path.suffix == ".sums"]) == 1
+    assert len([path for path in sums if path.suffix == ".records"]) == 1
     done = command(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out, "--json")
     assert json.loads(done.out)["schema"] == "standoff.detectability/1"
     again = json.loads(out.read_text())
