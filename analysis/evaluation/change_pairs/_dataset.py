@@ -245,7 +245,7 @@ def _plain(psf: Psf | None) -> dict[str, Any] | None:
 def _prepare(out: Path, document: ChangePairsDataset) -> None:
     about = out / DATASET_NAME
     try:
-        for folder in (*SPLITS, "shards"):
+        for folder in (*SPLITS, STATE_NAME):
             (out / folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ResultsFileError(

@@ -31,7 +31,7 @@ WITH_PROVENANCE = ("changes.json", "report.html")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, coarse_figures: None) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Photographs of a reference and two follow-ups, a PSF, and what each gives alone."""
     root = tmp_path_factory.mktemp("made")
     photographs = root / "photographs"

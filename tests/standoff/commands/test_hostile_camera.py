@@ -113,5 +113,5 @@ def test_the_console_says_so_on_its_doctor_page_and_stays_up(
                 return str(answer.read().decode())
 
         wait_for(lambda: "refers to itself" in page())
-        assert "einstall the maker&#39;s firmware" in page()
+        assert "Reinstall the maker&#39;s firmware in the camera" in page()
         assert it.poll() is None
