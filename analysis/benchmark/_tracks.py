@@ -42,7 +42,7 @@ from analysis.benchmark.scores import (
     share,
 )
 from analysis.errors import ResultsFileError
-from calibration.sharpness import NORMAL_95
+from calibration.estimate import NORMAL_95
 from simulation.arrays import BoolArray, FloatArray, IntArray
 
 

@@ -17,10 +17,11 @@ from scipy.special import ndtr, ndtri
 
 from acquisition.dataframe import dataframe
 from analysis.choices import CurveObserver
-from analysis.detectability._dprime import NORMAL_95, DPrimeSlopes, d_prime_between, student_factor
+from analysis.detectability._dprime import DPrimeSlopes, d_prime_between, student_factor
 from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
+from calibration.estimate import NORMAL_95
 from simulation import Model
 from simulation.arguments import CheckedModel, FilePath, checked
 from simulation.arrays import FloatArray

@@ -39,7 +39,7 @@ from analysis.detectability._scenario import (
     compared_pair,
     placed_signal,
 )
-from calibration.estimate import NORMAL_95 as NORMAL_95
+from calibration.estimate import NORMAL_95
 from simulation import GaussianPsf, Model, Psf
 from simulation.arrays import FloatArray
 

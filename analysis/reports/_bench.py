@@ -21,9 +21,9 @@ from analysis.reports._page import (
     number_text,
 )
 from calibration.edges import REJECTING_FLAGS
+from calibration.estimate import NORMAL_95
 from calibration.noise import LevelNoise, fit_level_noise
 from calibration.psf import PsfCalibration
-from calibration.sharpness import NORMAL_95
 from simulation.arrays import FloatArray
 from simulation.figures import figure_of
 from simulation.palette import BLUE, INK, VERMILION

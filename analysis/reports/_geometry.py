@@ -18,6 +18,7 @@ from analysis.reports._page import (
     number_text,
     present,
 )
+from calibration.estimate import NORMAL_95, with_reach
 from calibration.geometry import (
     CaptureGeometry,
     GeometryCalibration,
@@ -25,7 +26,6 @@ from calibration.geometry import (
     draw_scale_by_height,
     target_colours,
 )
-from calibration.sharpness import NORMAL_95, with_reach
 from simulation.palette import INK, PALETTE
 
 

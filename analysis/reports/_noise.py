@@ -15,6 +15,7 @@ from analysis.reports._page import (
     number_text,
     present,
 )
+from calibration.estimate import NORMAL_95, with_reach
 from calibration.noise import (
     CorrectionMaps,
     Linearity,
@@ -22,7 +23,6 @@ from calibration.noise import (
     PhotonTransfer,
     draw_photon_transfer,
 )
-from calibration.sharpness import NORMAL_95, with_reach
 from simulation.palette import BLUE, INK, VERMILION
 
 

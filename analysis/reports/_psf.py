@@ -24,9 +24,9 @@ from analysis.reports._psf_field import (
     with_err,
 )
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
+from calibration.estimate import NORMAL_95, with_reach
 from calibration.psf import PsfCalibration
 from calibration.sharpness import (
-    NORMAL_95,
     VERDICT_COLUMNS,
     SharpnessVerdict,
     edge_cells,
@@ -35,7 +35,6 @@ from calibration.sharpness import (
     median_of_edges,
     reported_mtf50,
     verdict_rows,
-    with_reach,
 )
 from simulation.arrays import FloatImage
 

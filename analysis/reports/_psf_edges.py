@@ -21,15 +21,9 @@ from analysis.reports._page import (
     number_text,
 )
 from calibration.edges import SFR_FREQ_CY_PER_PX, EdgeMeasurement, edge_profile
+from calibration.estimate import with_reach
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
-from calibration.sharpness import (
-    MODEL_REMARK,
-    edge_cells,
-    edge_name,
-    edge_row,
-    reported_mtf50,
-    with_reach,
-)
+from calibration.sharpness import MODEL_REMARK, edge_cells, edge_name, edge_row, reported_mtf50
 from simulation.arrays import FloatArray, FloatImage
 from simulation.palette import INK, POINTS, PURPLE, YELLOW
 

@@ -18,6 +18,7 @@ from analysis.reports._page import (
 from analysis.reports._psf_edges import plot_widths_by_angle
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.errors import PsfFileError
+from calibration.estimate import NORMAL_95, with_reach
 from calibration.psf import (
     ORIENTATION_COLOURS,
     HeightTrend,
@@ -26,14 +27,7 @@ from calibration.psf import (
     draw_mtf,
     draw_transfer_2d,
 )
-from calibration.sharpness import (
-    NORMAL_95,
-    Direction,
-    edge_name,
-    position_in_field,
-    reported_mtf50,
-    with_reach,
-)
+from calibration.sharpness import Direction, edge_name, position_in_field, reported_mtf50
 from simulation.arrays import FloatArray
 from simulation.palette import BLUE, INK, POINTS, VERMILION
 from simulation.psf import PsfField

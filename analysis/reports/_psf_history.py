@@ -17,8 +17,8 @@ from analysis.reports._page import (
     new_plot,
 )
 from calibration.errors import CalibrationError
+from calibration.estimate import NORMAL_95, with_reach
 from calibration.psf import PsfCalibration, focus_repeatability, psf_change
-from calibration.sharpness import NORMAL_95, with_reach
 from simulation.figures import figure_of
 from simulation.palette import BLUE, VERMILION
 

@@ -29,7 +29,7 @@ from analysis.validation import (
     both_tables,
     drawn_procedure,
 )
-from calibration.sharpness import NORMAL_95
+from calibration.estimate import NORMAL_95
 
 _LABELS = {
     "correlation": "correlation",

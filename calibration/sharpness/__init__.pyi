@@ -1,5 +1,4 @@
 from ._resolution import (
-    NORMAL_95 as NORMAL_95,
     lp_per_mm as lp_per_mm,
     lw_per_ph as lw_per_ph,
     reported_mtf50 as reported_mtf50,
@@ -21,5 +20,4 @@ from ._verdict import (
     position_in_field as position_in_field,
     read_limits as read_limits,
     verdict_rows as verdict_rows,
-    with_reach as with_reach,
 )

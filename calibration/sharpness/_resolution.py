@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from calibration.edges import EdgeImage, EdgeMeasurement, plane_places
-from calibration.estimate import NORMAL_95 as NORMAL_95
+from calibration.estimate import NORMAL_95
 from simulation.arrays import BoolArray, FloatArray
 
 _COLOURS = ("red", "green", "blue")

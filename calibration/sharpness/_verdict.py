@@ -21,7 +21,7 @@ from acquisition.files import StoredModel
 from acquisition.written_files import WrittenTable, read_toml, validate_written, validation_lines
 from calibration.edges import EdgeMeasurement
 from calibration.errors import LimitsFileError
-from calibration.estimate import NORMAL_95, Estimate, with_reach as with_reach
+from calibration.estimate import NORMAL_95, Estimate, with_reach
 from calibration.robust import robust_sigma
 from calibration.sharpness._resolution import (
     lp_per_mm,

@@ -164,7 +164,7 @@ def compare(
 
 
 def _show_change(change: PsfComparison) -> None:
-    from calibration.sharpness import NORMAL_95, with_reach
+    from calibration.estimate import NORMAL_95, with_reach
 
     terminal.print_items(
         "PSF, ± at 95 %",

@@ -152,7 +152,7 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
 
 def _print_changes(found: Sequence[Change]) -> None:
     from analysis.reports import count_text, q_text
-    from calibration.sharpness import NORMAL_95
+    from calibration.estimate import NORMAL_95
 
     if not found:
         return

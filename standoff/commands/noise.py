@@ -78,7 +78,7 @@ def _frames(paths: list[Path] | None) -> Path | list[Path] | None:
 
 
 def _print(found: NoiseMeasurement, wrote: str) -> None:
-    from calibration.sharpness import NORMAL_95
+    from calibration.estimate import NORMAL_95
 
     calibration, transfer, pixels = found.calibration, found.transfer, found.nonuniformity
     dark, saturation = transfer.dark, transfer.saturation

@@ -22,8 +22,8 @@ from acquisition.focus import (
     sweep_bench,
 )
 from acquisition.stages import refuse_beyond_limits
+from calibration.estimate import NORMAL_95
 from calibration.geometry import Levelling, level_by_focus
-from calibration.sharpness import NORMAL_95
 from standoff.console.camera_service import CameraService
 from standoff.console.jobs import Job
 from standoff.console.monitors import field_regions

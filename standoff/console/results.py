@@ -13,7 +13,7 @@ from acquisition.session import CaptureRecord, Session
 from acquisition.untrusted import parse_json
 from analysis.choices import acceptance
 from analysis.detection_limits import DetectionLimit, spot_sentence
-from calibration.sharpness import NORMAL_95
+from calibration.estimate import NORMAL_95
 from standoff.library import RESULTS_FOLDER
 
 MAX_RESULT_BYTES = 50 * 10**6

@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from typer import BadParameter
 
 from calibration.edges import REJECTING_FLAGS
+from calibration.estimate import NORMAL_95, with_reach
 from calibration.psf import FEWEST_FIELD_EDGES, Estimate, PsfCalibration
 from calibration.sharpness import (
     MODEL_REMARK,
-    NORMAL_95,
     VERDICT_COLUMNS,
     SharpnessVerdict,
     edge_cells,
     reported_mtf50,
     verdict_rows,
-    with_reach,
 )
 from standoff.errors import ApplicationError
 from standoff.terminal._declaration import answer, wants_json

@@ -11,8 +11,8 @@ from acquisition.focus import Region
 from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate
 from acquisition.printable import on_one_line
 from acquisition.session import SPARE_BYTES
+from calibration.estimate import NORMAL_95
 from calibration.geometry import Levelling
-from calibration.sharpness import NORMAL_95
 from standoff.console.bench_hub import BenchHub
 from standoff.console.camera_service import Exposing
 from standoff.console.control_arbiter import ControlView

@@ -28,10 +28,10 @@ from acquisition.focus import (
     sweep_bench,
 )
 from calibration.edges import Region
+from calibration.estimate import NORMAL_95
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from calibration.noise import level_noise
-from calibration.sharpness import NORMAL_95
 from simulation.arguments import checked
 from simulation.notebook import Shown
 from standoff.errors import ArgumentError
