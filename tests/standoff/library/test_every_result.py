@@ -3,7 +3,6 @@
 import copy
 import json
 import pickle
-import shutil
 from collections.abc import Callable, Iterator
 from inspect import getattr_static, isfunction, unwrap
 from pathlib import Path
@@ -22,20 +21,6 @@ from tests.standoff.library.every_result import RESULTS, result_of
 OURS = ("acquisition", "analysis", "calibration", "hil_mocks", "simulation", "standoff")
 NOT_MADE = {"find_cameras", "train_detector"}
 """What needs a network or PyTorch."""
-
-
-@pytest.fixture(scope="session")
-def files(example_files: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The one folder of a process: results are cached, and some name files by where they were."""
-    return Path(shutil.copytree(example_files, tmp_path_factory.mktemp("every_result") / "files"))
-
-
-@pytest.fixture
-def there(files: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working folder, with a detector that a worker can import."""
-    monkeypatch.chdir(files)
-    monkeypatch.syspath_prepend(str(files))
-    return files
 
 
 def public() -> Iterator[tuple[str, Callable[..., Any]]]:

@@ -18,7 +18,6 @@ import standoff
 from simulation.figures import InlineFigure
 from simulation.notebook import Shown, html_table
 from tests.standoff.library.every_result import RESULTS, result_of
-from tests.standoff.library.test_every_result import files as files, there as there
 
 LONGEST_LINE = 200
 PLAIN = {"list_sessions", "show_session"}
