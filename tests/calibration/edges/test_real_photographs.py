@@ -1,5 +1,6 @@
 """Edges that real cameras photographed: tests/data, whose README says where they are from."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -107,10 +108,10 @@ def test_photographed_chessboards_give_their_widths_and_sixty_edges_each(
     widths: dict[str, list[float]] = {"vertical": [], "horizontal": [], "diagonal": []}
     for path in sorted((FOLDER / "chessboards").glob("*.jpg")):
         if knows_steps:
-            used = calibrated_by(path).edges_used
+            edges: Sequence[EdgeMeasurement] = calibrated_by(path).edges
         else:
-            source = replace(photographed(path), compression=None)
-            used = [edge for edge in edges_of_image(source) if edge.is_used]
+            edges = edges_of_image(replace(photographed(path), compression=None))
+        used = [edge for edge in edges if edge.is_used]
         assert len(used) >= 60, path.name
         for edge in used:
             widths[edge.orientation].append(edge.sigma_px)
