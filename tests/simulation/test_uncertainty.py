@@ -100,8 +100,7 @@ def test_a_psf_that_is_off_by_its_error_is_as_far_off_as_is_said(model: PoseMode
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", ["matched", "lmmse"])
-@pytest.mark.parametrize("which", [1, 2])
+@pytest.mark.parametrize(("model", "which"), [("matched", 1), ("lmmse", 2)])
 def test_all_sources_together_are_as_large_as_the_error_of_the_follow_up(
     model: PoseModel, which: int
 ) -> None:
@@ -214,8 +213,7 @@ def shifted(view: SimulatedView) -> SimulatedView:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", ["matched", "lmmse"])
-@pytest.mark.parametrize("zoom", [1.25, 1.5])
+@pytest.mark.parametrize(("model", "zoom"), [("matched", 1.25), ("lmmse", 1.5)])
 def test_the_stated_error_is_that_of_opaque_rectangles_to_a_third(
     model: PoseModel, zoom: float
 ) -> None:

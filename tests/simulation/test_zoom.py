@@ -407,8 +407,9 @@ def test_crops_lie_inside_and_reach_both_borders(size: int, crop: int, stride: i
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("zoom", [1.5, 2.0, 3.0])
-@pytest.mark.parametrize("psf", [PSF_SR_PAIRS, TURNED_LENS])
+@pytest.mark.parametrize(
+    ("psf", "zoom"), [(TURNED_LENS, 1.5), (PSF_SR_PAIRS, 2.0), (TURNED_LENS, 3.0)]
+)
 def test_a_crop_equals_that_part_of_the_whole_image_seen_from_further_away(
     model: Model, zoom: float, psf: Psf
 ) -> None:

@@ -354,8 +354,18 @@ def simulated(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("zoom", [1.5, 2.0, 3.0])
-@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize(
+    ("lens", "zoom"),
+    [
+        ("f/2.8", 1.5),
+        ("f/2.8", 3.0),
+        ("f/11", 1.5),
+        ("out of focus", 1.5),
+        ("astigmatic", 2.0),
+        ("astigmatic", 3.0),
+        ("Gaussian", 3.0),
+    ],
+)
 def test_lmmse_is_as_good_as_the_ideal_and_no_worse_than_matched(lens: str, zoom: float) -> None:
     optics = LENSES[lens]
     near, far = photographed(0, optics, 1.0), photographed(0, optics, zoom)

@@ -126,7 +126,7 @@ def test_the_interval_covers_from_f_1_4_to_f_8_on_both_sides_of_the_peak_and_on_
 ) -> None:
     rng = np.random.default_rng(8)
     covered = []
-    for number in range(240):
+    for number in range(120):
         f_number = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0)[number % 6]
         low_mm, high_mm = ((-30, 30), (-60, 60), (-12, 45), (-45, 12))[number // 6 % 4]
         heights_mm = 287.5 + rng.uniform(-2, 2) + np.linspace(low_mm, high_mm, 15)
@@ -137,9 +137,10 @@ def test_the_interval_covers_from_f_1_4_to_f_8_on_both_sides_of_the_peak_and_on_
             pupil=PupilOffset(offset_mm=12.5, err_mm=0.03) if is_known else UNKNOWN_PUPIL,
         )
         covered.append(abs(peak.height_mm - 287.5) <= 1.96 * peak.err_mm)
-    # 95 % of 240, less or more three standard deviations of 1.4 %; more where the pupil, which is
-    # nearer to what is expected of it than one standard deviation, is a part of the error.
-    assert 0.908 <= np.mean(covered) <= (0.992 if is_known else 1.0)
+    # Of 120 at 95 %, 106 to 119, 997 times of 1000; more where the pupil, nearer to what is
+    # expected of it than one standard deviation, is a part of the error. Errors twice as large as
+    # they should be hold all, half as large ones 81.
+    assert 106 <= sum(covered) <= (119 if is_known else 120)
 
 
 def test_what_a_textures_scale_does_is_part_of_the_error() -> None:

@@ -1,12 +1,13 @@
 """Whatever is lost of a session: no capture is written over, and what is not whole is told.
 
 All subsets of the journal's lines, its head, session.json and the captures are taken away, and the
-journal is torn at every byte of its last two lines. The truth is the session as it was captured.
+journal is torn at bytes all over its last two lines: next to their ends at every one, at every
+seventh between them; test_journal.py cuts it at every one. The truth is the session as captured.
 """
 
 import os
 from collections.abc import Iterator
-from itertools import product
+from itertools import accumulate, product
 from pathlib import Path
 
 import pytest
@@ -78,10 +79,11 @@ def losses(whole: Files) -> Iterator[Files]:
 
 
 def torn(whole: Files) -> Iterator[Files]:
-    """The journal cut off at every byte of its last two lines, with and without its head."""
+    """The journal cut off within its last two lines, with and without its head."""
     journal = whole[JOURNAL_NAME]
-    start = sum(map(len, journal.splitlines(keepends=True)[:-2]))
-    for end in range(start, len(journal)):
+    *_, start, middle, last = accumulate(map(len, journal.splitlines(keepends=True)))
+    near = {end for line in (start, middle, last) for end in range(line - 4, line + 4)}
+    for end in sorted((near | {*range(start, last, 7)}) & {*range(start, last)}):
         files = {**whole, JOURNAL_NAME: journal[:end]}
         yield files
         yield {name: data for name, data in files.items() if name != HEAD_NAME}
@@ -139,5 +141,5 @@ def test_no_loss_of_lines_and_files_costs_a_capture_or_passes_verify(
 @pytest.mark.slow
 def test_no_torn_journal_costs_a_capture_or_passes_verify(tmp_path: Path, whole: Files) -> None:
     for number, files in enumerate(torn(whole)):
-        is_sixteenth = number % 16 < 2  # with and without the head
-        assert_nothing_is_written_over(tmp_path / "after", files, whole, repaired=is_sixteenth)
+        is_fourth = number % 8 < 2  # with and without the head
+        assert_nothing_is_written_over(tmp_path / "after", files, whole, repaired=is_fourth)

@@ -1,6 +1,8 @@
 """Edges that real cameras photographed: tests/data, whose README says where they are from."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -75,10 +77,15 @@ def photographed(path: Path) -> EdgeImage:
     )
 
 
+@cache
+def calibrated_by(path: Path) -> PsfCalibration:
+    return psf_of_images([photographed(path)])
+
+
 @pytest.mark.slow
 def test_no_photographed_chessboard_is_wider_or_narrower_than_another_program_found_any() -> None:
     for path in sorted((FOLDER / "chessboards").glob("*.jpg")):
-        psf = psf_of_images([photographed(path)])
+        psf = calibrated_by(path)
         assert psf.sigma_x_px is not None, path.name
         assert psf.sigma_y_px is not None, path.name
         # Medians of single photographs: 0.76 to 1.00 and 0.67 to 0.94. The board is tilted, near
@@ -100,10 +107,11 @@ def test_photographed_chessboards_give_their_widths_and_sixty_edges_each(
 ) -> None:
     widths: dict[str, list[float]] = {"vertical": [], "horizontal": [], "diagonal": []}
     for path in sorted((FOLDER / "chessboards").glob("*.jpg")):
-        source = photographed(path)
-        if not knows_steps:
-            source = replace(source, compression=None)
-        used = [edge for edge in edges_of_image(source) if edge.is_used]
+        if knows_steps:
+            edges: Sequence[EdgeMeasurement] = calibrated_by(path).edges
+        else:
+            edges = edges_of_image(replace(photographed(path), compression=None))
+        used = [edge for edge in edges if edge.is_used]
         assert len(used) >= 60, path.name
         for edge in used:
             widths[edge.orientation].append(edge.sigma_px)

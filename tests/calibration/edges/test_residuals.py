@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.special import log_ndtr, ndtr
 
 from calibration.edges import EdgeImage, edges_of_image, gaussian_mtf50
@@ -52,6 +52,7 @@ def test_what_depends_on_the_distance_alone_is_no_noise() -> None:
 
 
 @pytest.mark.slow
+@settings(max_examples=10)
 @given(order_seed=st.integers(0, 1000))
 def test_the_order_of_the_pixels_does_not_matter(order_seed: int) -> None:
     d, noise = distances(), gaussian_noise(5.0)

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
 from benchmarks.studies.edge_levels import compressed, level_errors
 from calibration.edges import JpegCompression, find_edges, fit_edge
 from calibration.noise import LevelNoise
 from tests.calibration.closed_form import edge_image
+from tests.calibration.draws import rms_range
 from tests.calibration.known import known
 
 LINEAR_CODES = np.arange(256.0)
@@ -18,12 +19,6 @@ def scaled(noise_dn: float, seed: int, edges: int = 40) -> NDArray[np.float64]:
     tally = level_errors(edges, (20.0, 60.0), (noise_dn, noise_dn), (0.7, 1.5), seed)
     assert tally.missed == 0
     return np.array(tally.scaled)
-
-
-def rms_range(edges: int) -> tuple[float, float]:
-    """What the RMS of so many unit normals is within 999 times of 1000."""
-    low, high = np.sqrt(chi2.ppf([0.0005, 0.9995], edges) / edges)
-    return float(low), float(high)
 
 
 def largest(edges: int) -> float:

@@ -25,8 +25,8 @@ def validated(
 
 @pytest.mark.parametrize("kind", ["board", "texture"])
 def test_nothing_is_named_where_the_model_holds(kind: str) -> None:
-    found = [validated(seed, kind)[0] for seed in range(10)]
-    assert [one.faults for one in found] == [()] * 10
+    found = [validated(seed, kind)[0] for seed in range(4)]
+    assert [one.faults for one in found] == [()] * 4
     for one in found:
         assert one.heights is not None
         assert one.points is not None
@@ -42,16 +42,16 @@ def test_nothing_is_named_where_the_model_holds(kind: str) -> None:
 )
 def test_a_stage_that_wanders_is_named(kind: str, fault: Fault, words: str) -> None:
     named = 0
-    for seed in range(10):
+    for seed in range(4):
         found, is_excluded = validated(seed, kind, fault, MATTERS)
         named += is_excluded or any(words in text for text in found.faults)
         assert not any("flat" in text for text in found.faults)
-    # Five draws may happen to lie on a line; one in a hundred does.
-    assert named >= 9
+    # Five draws may happen to lie on a line; one in a hundred does, two of four in 1,700.
+    assert named >= 3
 
 
 def test_a_board_that_is_not_flat_is_named_with_how_much() -> None:
-    for seed in range(5):
+    for seed in range(2):
         found, _ = validated(seed, "board", "sag", MATTERS)
         assert found.points is not None
         # A bend along x alone: in closed form, its height at the corner's radius. The pupil and
@@ -62,7 +62,7 @@ def test_a_board_that_is_not_flat_is_named_with_how_much() -> None:
 
 def test_a_flat_board_has_no_sag() -> None:
     sags = []
-    for seed in range(5):
+    for seed in range(3):
         found, _ = validated(seed, "board", "sag", 0.0)
         assert found.points is not None
         assert found.faults == ()

@@ -117,15 +117,16 @@ def test_the_intervals_hold_the_truth_95_times_of_100_whatever_the_focus_does(
 ) -> None:
     rng = np.random.default_rng(round(100 * scatter_px2))
     inside = np.zeros(2)
-    draws = 200
+    draws = 80
     for _ in range(draws):
         found = fitted(*squares_of(int(rng.integers(4, 13)), scatter_px2, rng))
         truth = zip((found.sigma_x_px, found.sigma_y_px), (XX, YY), strict=True)
         for place, (one, square) in enumerate(truth):
             assert one is not None
             inside[place] += one.low**2 <= square <= one.high**2
-    # 200 draws of probability 0.95 scatter by 1.5 %: three and a half of those.
-    assert np.all(inside / draws > 0.896)
+    # Of 80 draws of probability 0.95, 69 or more are inside 999 times of 1000; of intervals half as
+    # wide, 54. benchmarks/studies/psf_coverage.py counts thousands.
+    assert np.all(inside >= 69)
 
 
 def test_the_scatter_between_captures_is_found() -> None:

@@ -52,13 +52,20 @@ def errors_px(found: Registration, zoom: float) -> FloatArray:
     return truth().place_errors_px(found.pose, NEAR_MM, zoom * (NEAR_MM + 10.0) - 10.0)
 
 
+@cache
+def registered(target: str, zoom: float) -> Registration:
+    return register_images(photograph(target, 1.0), photograph(target, zoom), psf())
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("target", ["grass", "lesion"])
-@pytest.mark.parametrize("zoom", [1.1, 1.6, 2.3, 3.0])
+@pytest.mark.parametrize(
+    ("target", "zoom"),
+    [("grass", 1.1), ("grass", 1.6), ("grass", 2.3), ("grass", 3.0), ("lesion", 1.6)],
+)
 def test_with_one_percent_distortion_every_place_is_right_to_a_twentieth_of_a_pixel(
     target: str, zoom: float
 ) -> None:
-    found = register_images(photograph(target, 1.0), photograph(target, zoom), psf())
+    found = registered(target, zoom)
     assert np.median(errors_px(found, zoom)) < 0.05
     assert found.zoom == pytest.approx(zoom, rel=5e-4)
     # At zoom 3 a ninth of the further frame tells of a distortion of half a pixel.
@@ -67,15 +74,15 @@ def test_with_one_percent_distortion_every_place_is_right_to_a_twentieth_of_a_pi
 
 @pytest.mark.slow
 def test_the_standard_error_of_a_place_is_of_the_size_of_its_error() -> None:
-    found = register_images(photograph("grass", 1.0), photograph("grass", 1.6), psf())
+    found = registered("grass", 1.6)
     error = float(np.sqrt(np.mean(errors_px(found, 1.6) ** 2)))
     # One draw of nine figures: within a factor of 3.
     assert found.place_err_px / 3 < error < 3 * found.place_err_px
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("zoom", [2.3, 3.0])
-def test_a_pattern_that_repeats_is_told_apart_by_the_zoom_to_be_expected(zoom: float) -> None:
+def test_a_pattern_that_repeats_is_told_apart_by_the_zoom_to_be_expected() -> None:
+    zoom = 2.3
     near, far = photograph("chart", 1.0), photograph("chart", zoom)
     found = register_images(near, far, psf(), hints=RegistrationHints(zoom=zoom * 1.04))
     assert np.median(errors_px(found, zoom)) < 0.05
@@ -89,20 +96,15 @@ def test_without_a_psf_it_is_as_good() -> None:
 
 @pytest.mark.slow
 def test_another_target_is_refused_also_where_the_zoom_is_known() -> None:
-    for other in ("lesion", "gravel"):
-        with pytest.raises(RegistrationError):
-            register_images(
-                photograph("grass", 1.0),
-                photograph(other, 1.6),
-                psf(),
-                hints=RegistrationHints(zoom=1.6),
-            )
+    hint = RegistrationHints(zoom=1.6)
+    with pytest.raises(RegistrationError):
+        register_images(photograph("grass", 1.0), photograph("lesion", 1.6), psf(), hints=hint)
 
 
 @pytest.mark.slow
 def test_a_nearer_followup_has_the_inverse_pose() -> None:
-    near, far = photograph("grass", 1.0), photograph("grass", 1.6)
-    pose, inverse = (register_images(*pair, psf()).pose for pair in ((near, far), (far, near)))
+    pose = registered("grass", 1.6).pose
+    inverse = register_images(photograph("grass", 1.6), photograph("grass", 1.0), psf()).pose
     y, x = np.mgrid[20:220:20, 20:300:20].astype(np.float64)
     back = inverse.to_reference_px(*pose.to_reference_px(y, x))
     # Both compare the same pixels, the further photograph's.

@@ -11,7 +11,6 @@ from calibration.errors import RegistrationError
 from calibration.registration import Registration, RegistrationHints, register_images
 from simulation.arrays import FloatArray
 
-SHAPE = (180, 240)
 TILT = 2.2
 """Foreshortening of each photograph, of the one across the other: 4.8 between them."""
 
@@ -29,9 +28,11 @@ def scene(seed: int, side_px: int) -> FloatArray:
     return np.asarray(levels)
 
 
-def about_middle(scale_x: float, scale_y: float, side_px: int) -> FloatArray:
+def about_middle(
+    scale_x: float, scale_y: float, side_px: int, shape: tuple[int, int]
+) -> FloatArray:
     """Photograph pixel ``(x, y, 1)`` to scene pixel, both about their middles."""
-    rows, cols = SHAPE
+    rows, cols = shape
     middle = (side_px - 1) / 2
     return np.array(
         [
@@ -42,19 +43,21 @@ def about_middle(scale_x: float, scale_y: float, side_px: int) -> FloatArray:
     )
 
 
-def photograph(levels: FloatArray, to_scene: FloatArray, seed: int) -> FloatArray:
+def photograph(
+    levels: FloatArray, to_scene: FloatArray, seed: int, shape: tuple[int, int]
+) -> FloatArray:
     """The scene, averaged over each pixel along both axes, with noise of 1.5 DN in 8 bits."""
     steps_px = to_scene[0, 0], to_scene[1, 1]
     blurred = cv2.GaussianBlur(levels, (0, 0), 0.6 * steps_px[0], sigmaY=0.6 * steps_px[1])
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    made = cv2.warpPerspective(blurred, to_scene, SHAPE[::-1], flags=flags)
-    noise = np.random.default_rng(seed).normal(0, 1.5, SHAPE)
+    made = cv2.warpPerspective(blurred, to_scene, shape[::-1], flags=flags)
+    noise = np.random.default_rng(seed).normal(0, 1.5, shape)
     return np.rint(np.clip(made + noise, 0, 255))
 
 
 def error_px(found: Registration, true: FloatArray) -> float:
     """Largest error over the overlap, in reference px."""
-    rows, cols = SHAPE
+    rows, cols = found.pose.followup_shape
     y, x = np.mgrid[0:rows:8, 0:cols:8].astype(np.float64)
     true_x, true_y = true[0, 0] * x + true[0, 2], true[1, 1] * y + true[1, 2]
     shared = (true_x >= 0) & (true_x <= cols - 1) & (true_y >= 0) & (true_y <= rows - 1)
@@ -64,11 +67,11 @@ def error_px(found: Registration, true: FloatArray) -> float:
 
 def seen_from_aside(seeds: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Reference foreshortened along x, follow-up along y, and the pose if the scene is one."""
-    side_px = 640
-    near, far = about_middle(TILT, 1.0, side_px), about_middle(1.0, TILT, side_px)
+    side_px, shape = 430, (120, 160)
+    near, far = about_middle(TILT, 1.0, side_px, shape), about_middle(1.0, TILT, side_px, shape)
     return (
-        photograph(scene(seeds[0], side_px), near, 1),
-        photograph(scene(seeds[1], side_px), far, 2),
+        photograph(scene(seeds[0], side_px), near, 1, shape),
+        photograph(scene(seeds[1], side_px), far, 2, shape),
         np.asarray(np.linalg.inv(near) @ far),
     )
 
@@ -91,10 +94,10 @@ def test_different_scenes_from_opposite_sides_are_refused() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("is_nearer_second", [False, True])
 def test_a_photograph_from_seven_times_nearer_is_aligned(is_nearer_second: bool) -> None:
-    side_px, zoom = 1680, 7.0
-    to_near, to_far = (about_middle(scale, scale, side_px) for scale in (1.0, zoom))
-    near = photograph(scene(5, side_px), to_near, 1)
-    far = photograph(scene(5, side_px), to_far, 2)
+    side_px, zoom, shape = 1680, 7.0, (180, 240)
+    to_near, to_far = (about_middle(scale, scale, side_px, shape) for scale in (1.0, zoom))
+    near = photograph(scene(5, side_px), to_near, 1, shape)
+    far = photograph(scene(5, side_px), to_far, 2, shape)
     true = np.asarray(np.linalg.inv(to_near) @ to_far)
     if is_nearer_second:
         near, far, true = far, near, np.asarray(np.linalg.inv(true))

@@ -135,13 +135,6 @@ def test_swapping_the_photographs_inverts_the_pose(
     assert 1 / 3 < 1.5 * nearer.place_err_px / further.place_err_px < 3
 
 
-@pytest.mark.slow
-def test_images_of_different_scenes_are_refused(reference: FloatArray) -> None:
-    other = photograph(random_scene(77, 600, 450), (200, 300), 1.5, OPTICAL_SIGMA_PX)
-    with pytest.raises(RegistrationError):
-        register_images(reference, other, PSF)
-
-
 def test_an_image_without_features_is_refused(reference: FloatArray) -> None:
     with pytest.raises(RegistrationError) as refused:
         register_images(reference, np.full((100, 120), 50.0), PSF)

@@ -58,10 +58,9 @@ def test_a_negative_of_the_scene_is_refused() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(70, 73))
-def test_no_other_scene_is_taken_for_the_reference(seed: int) -> None:
+def test_no_other_scene_is_taken_for_the_reference() -> None:
     with pytest.raises(RegistrationError) as refused:
-        register_images(seen(1.0), seen(ZOOM, seed), PSF)
+        register_images(seen(1.0), seen(ZOOM, 70), PSF)
     assert refused.value.reason in ("low_correlation", "little_overlap")
     assert all(one in str(refused.value) for one in REMEDIES)
 
@@ -112,14 +111,13 @@ def test_detail_on_a_rim_alone_that_tells_no_pose_is_refused() -> None:
 
 @pytest.mark.slow
 def test_a_tiled_scene_is_warned_of() -> None:
-    tile = texture((60, 60), 5)
-    scene = np.tile(tile, (6, 7))
-    found = register_images(scene[:240, :320], scene[7:247, 11:331])
+    scene = np.tile(texture((60, 60), 5), (4, 5))
+    found = register_images(scene[:180, :240], scene[7:187, 11:251])
     assert any("repeats" in one for one in found.warnings)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("periods", [-2, -1, 1, 2])
+@pytest.mark.parametrize("periods", [-2, 1])
 def test_of_several_periods_the_given_pose_chooses_one(periods: int) -> None:
     scene = np.tile(texture((60, 60), 5), (6, 7))
     true = np.array([[1.0, 0.0, 11 + 60 * periods], [0.0, 1.0, 7.0], [0.0, 0.0, 1.0]])

@@ -186,8 +186,9 @@ TILT, TILTED_TURN, DISTORTED = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["matched", "lmmse"])
-@pytest.mark.parametrize("lens", [F_11, ASTIGMATIC])
-@pytest.mark.parametrize("pose", [TILT, TILTED_TURN, DISTORTED])
+@pytest.mark.parametrize(
+    ("lens", "pose"), [(F_11, TILT), (ASTIGMATIC, TILTED_TURN), (ASTIGMATIC, DISTORTED)]
+)
 def test_a_soft_lens_needs_its_own_transfer_function(
     lens: Pupil, pose: tuple[float, float, float, float], model: PoseModel
 ) -> None:
@@ -270,13 +271,13 @@ def test_noise_is_passed_on_as_the_gain_says(model: PoseModel) -> None:
                 PoseOptions(model=model),
             ).image
             ** 2
-            for _ in range(150)
+            for _ in range(60)
         ],
         axis=0,
     )
     inner = pair(ASTIGMATIC, *TILTED_TURN)[3]
-    # 150 draws of some 500 pixels with correlated neighbours: known to about 1 %.
-    assert float(np.mean((squares / gain)[inner])) == pytest.approx(1.0, abs=0.03)
+    # 60 draws of some 500 pixels with correlated neighbours: known to about 1.5 %.
+    assert float(np.mean((squares / gain)[inner])) == pytest.approx(1.0, abs=0.045)
 
 
 @pytest.mark.slow

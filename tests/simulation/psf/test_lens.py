@@ -63,6 +63,7 @@ def test_along_its_axes_an_astigmatic_pupil_has_the_autocorrelation_of_its_phase
 
 
 @pytest.mark.slow
+@settings(max_examples=25)
 @given(nu=st.floats(0.01, 0.99), low=st.floats(0, 2), more=st.floats(0, 4))
 def test_between_tables_a_pupil_is_what_each_table_says(nu: float, low: float, more: float) -> None:
     at = low + more * np.linspace(0, 1, 7)
