@@ -23,7 +23,7 @@ from analysis.changes._significance import as_significance, joint_share, norm_at
 ByteImage = NDArray[np.uint8]
 NOISE_DN = 3.0
 LUMA = np.array([0.299, 0.587, 0.114])
-PLACE = (250.0, 60.0)  # y, x: a plain part of the picture
+PLACE = (130.0, 60.0)  # y, x: a plain part of the picture
 
 
 def noisy(levels: NDArray[np.float64], rng: np.random.Generator) -> ByteImage:
@@ -32,13 +32,13 @@ def noisy(levels: NDArray[np.float64], rng: np.random.Generator) -> ByteImage:
 
 
 def scene() -> NDArray[np.float64]:
-    """Within the scale, so that no noise is cut off."""
+    """A quarter of a picture, within the scale, so that no noise is cut off."""
     picture: ByteImage = skimage.data.astronaut()  # type: ignore[no-untyped-call]  # scikit-image
-    return np.asarray(picture * 0.8 + 25.0)
+    return np.asarray(picture[120:376, :256] * 0.8 + 25.0)
 
 
 def painted(change_rgb: tuple[float, float, float], sigma_px: float = 4.0) -> NDArray[np.float64]:
-    y, x = np.mgrid[:512, :512]
+    y, x = np.mgrid[:256, :256]
     spot = np.exp(-((y - PLACE[0]) ** 2 + (x - PLACE[1]) ** 2) / (2 * sigma_px**2))
     return np.asarray(scene() + spot[..., None] * np.array(change_rgb))
 

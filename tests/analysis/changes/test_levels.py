@@ -248,7 +248,7 @@ def test_as_many_spots_are_found_as_predicted(sigma: float) -> None:
     levels = detection_levels(comparison(noise, NOISE_SD), 1e-6)
     maps = LimitMaps.of(comparison(np.zeros(LIMIT_SHAPE), NOISE_SD), levels, threshold, 1.0)
     limit = float(np.median(maps.limit_dn(sigma)))
-    for factor in (0.75, 0.9, 1.0):
+    for factor in (0.75, 1.0):
         power = float(detection_power(np.array(factor * height_for(0.95, threshold)), threshold))
         found = 0
         for _ in range(trials):
@@ -289,6 +289,7 @@ def test_limits_are_stated_over_what_was_compared() -> None:
 
 @pytest.mark.slow
 @given(scale=st.floats(0.01, 100.0))
+@settings(max_examples=20, deadline=None)
 def test_limits_scale_with_the_light(scale: float) -> None:
     field = smoothed_noise(np.random.default_rng(4), LIMIT_SHAPE, 1.0)
     limits = [

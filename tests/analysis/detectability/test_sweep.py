@@ -327,13 +327,13 @@ def test_a_state_that_cannot_be_written_is_told_by_name(few: list[Path], tmp_pat
 def test_worker_processes_give_the_same_bits(
     many: list[Path], expected: Swept, tmp_path: Path
 ) -> None:
-    found = swept(many, work_in(tmp_path / "state"), SweepOptions(workers=3))
+    found = swept(many, work_in(tmp_path / "state"), SweepOptions(workers=2))
     assert found.images == 300
     assert found.bits == expected.bits
 
 
 ROOT = Path(__file__).parents[3]
-KILLS = 10
+KILLS = 6
 
 CLIENT = """
 import sys, time
@@ -377,7 +377,7 @@ def committed_bytes(state: Path) -> int:
 def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
     many: list[Path], expected: Swept, tmp_path: Path
 ) -> None:
-    """Five without workers, and five with two of them, which end with their client.
+    """Three without workers, and three with two of them, which end with their client.
 
     One of each is killed soon after it begins, the others soon after a commit, whenever that is.
     """

@@ -150,11 +150,10 @@ def test_a_batch_waits_for_the_disk_once(
 
 
 @pytest.mark.slow  # starts worker processes
-@pytest.mark.parametrize("layout", ["folder", "webdataset"])
-def test_two_workers_write_the_same_bytes(photographs: Path, tmp_path: Path, layout: str) -> None:
+def test_two_workers_write_the_same_bytes(photographs: Path, tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
-    alone = write(one, photographs, format=layout)
-    shared = write(two, photographs, SweepOptions(workers=2), format=layout)
+    alone = write(one, photographs, format="webdataset")
+    shared = write(two, photographs, SweepOptions(workers=2), format="webdataset")
     assert shared == alone
     assert files_of(two) == files_of(one)
 
@@ -328,11 +327,11 @@ def test_a_dataset_of_before_there_was_another_layout_goes_on(
 
 
 @pytest.mark.slow  # ten thousand photographs
-def test_ten_thousand_photographs_with_bad_ones_and_copies(tmp_path: Path) -> None:
+def test_two_thousand_photographs_with_bad_ones_and_copies(tmp_path: Path) -> None:
     own, out = tmp_path / "photographs", tmp_path / "pairs"
     own.mkdir()
     rng = np.random.default_rng(11)
-    for number in range(10_000):
+    for number in range(2000):
         path = own / f"{number:05d}.png"
         if number % 100 == 50:
             path.write_bytes(b"no picture %d" % number)
@@ -343,6 +342,6 @@ def test_ten_thousand_photographs_with_bad_ones_and_copies(tmp_path: Path) -> No
         else:
             cv2.imwrite(str(path), rng.integers(0, 255, (12, 12)).astype(np.uint8))
     done = write(out, own, crop_px=12, stride_px=12, model="bicubic")
-    assert (done.images, done.copies, done.refused_images) == (10_000, 100, 200)
-    assert done.train + done.test == len(manifest_of(out)) == 9_700
-    assert done.test == pytest.approx(0.3 * 9_700, rel=0.06)  # four of its deviations
+    assert (done.images, done.copies, done.refused_images) == (2000, 20, 40)
+    assert done.train + done.test == len(manifest_of(out)) == 1940
+    assert done.test == pytest.approx(0.3 * 1940, abs=81)  # four of its deviations

@@ -9,7 +9,7 @@ import pytest
 from analysis.sweep import Manifest, SweepOptions, run_sweep
 from tests.analysis.sweep.hashing import Hashing, answers, photographs
 
-KILLS = 10
+KILLS = 5
 
 
 @pytest.fixture

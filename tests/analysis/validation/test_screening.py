@@ -18,23 +18,28 @@ def excluded_of(screening: Screening) -> list[int]:
     return [one.capture for one in screening.excluded]
 
 
+@pytest.fixture(scope="module")
+def series(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """Four heights of one texture, as they should be."""
+    return height_series(tmp_path_factory.mktemp("good") / "series")
+
+
 @pytest.mark.slow
-def test_the_two_nearest_captures_are_references_of_all_further_ones(tmp_path: Path) -> None:
-    session = height_series(tmp_path / "series")
+def test_the_two_nearest_captures_are_references_of_all_further_ones(series: Session) -> None:
     told: list[int] = []
-    screening = screen(session, PSF, progress=told.append)
+    screening = screen(series, PSF, progress=told.append)
     assert pairs_of(screening) == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3)]
     assert screening.excluded == ()
     assert told == [1, 2, 3, 4, 5]
-    assert registrations_at_most(session, 2) == 5
+    assert registrations_at_most(series, 2) == 5
     zooms = [pair.registration.zoom for pair in screening.pairs]
     # Of the closed form, where the entrance pupil is at height 0.
     assert zooms == pytest.approx([1.2, 1.5, 1.9, 1.25, 19 / 12], rel=1e-3)
 
 
 @pytest.mark.slow
-def test_one_reference_pose_gives_the_pairs_with_the_nearest_alone(tmp_path: Path) -> None:
-    screening = screen(height_series(tmp_path / "series"), PSF, references=1)
+def test_one_reference_pose_gives_the_pairs_with_the_nearest_alone(series: Session) -> None:
+    screening = screen(series, PSF, references=1)
     assert pairs_of(screening) == [(0, 1), (0, 2), (0, 3)]
 
 
