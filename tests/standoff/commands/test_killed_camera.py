@@ -100,7 +100,8 @@ class KillableCamera:
 def camera(request: pytest.FixtureRequest) -> Iterator[KillableCamera]:
     if request.param == "simulated":
         address = next(free_addresses())
-        words = ("-m", "standoff", "mock", "--address", address, "--json")
+        small = ("--set", "simulated.width_px=128", "--set", "simulated.height_px=64")
+        words = ("-m", "standoff", "mock", "--address", address, "--json", *small)
         yield KillableCamera(address=address, words=words)
         return
     # Aravis' fake has the one address, in the tests of its own as well.

@@ -29,7 +29,7 @@ DEADLINE_S = 300.0
 """Of every wait: only a failure takes so long, whatever else this computer does."""
 
 BENCH_KEYS = ("stage.feed_mm_per_min=3000", "stage.settle_s=0.1", "capture.frames_per_capture=4")
-FEW_PICTURES = ("--set", "camera.frame_rate_hz=20")
+FEW_PICTURES = ("--set", "camera.frame_rate_hz=10")
 """Options of a console whose pictures are not what is tested: they take most of the processor."""
 
 MOCK_KEYS = (

@@ -63,7 +63,11 @@ def test_a_fault_is_found(browser: Browser, tmp_path: Path) -> None:
 
 
 def test_the_bench_page_has_no_fault(browser: Browser, tmp_path: Path, view: View) -> None:
-    keys: dict[str, Any] = {"simulated__width_px": 320, "simulated__height_px": 240}
+    keys: dict[str, Any] = {
+        "simulated__width_px": 320,
+        "simulated__height_px": 240,
+        "camera__frame_rate_hz": 5.0,
+    }
     with running_hub(tmp_path, **keys) as hub, live_page(browser, hub, **view) as live:
         page = live.page
         wait_until(lambda: live.asked("standoff.picture.drawn") > 3, "pictures")

@@ -74,7 +74,7 @@ def fastest(page: Page, clock: str) -> float:
 
 @pytest.fixture
 def slow_stage(tmp_path: Path) -> Iterator[BenchHub]:
-    with running_hub(tmp_path, stage__feed_mm_per_min=1500.0) as hub:
+    with running_hub(tmp_path, stage__feed_mm_per_min=1500.0, camera__frame_rate_hz=10.0) as hub:
         yield hub
 
 
@@ -107,6 +107,8 @@ def test_a_console_that_is_stopped_is_seen_and_stop_says_that_it_was_not_heard(
             page.wait_for_selector("#alert-stop", state="hidden")
             page.wait_for_selector("#alert-connection", state="hidden")
             wait_until(lambda: page.is_enabled("#home"), "in control as before")
+            if fastest(page, "lost") < LOST_MS and fastest(page, "unheard") < ANSWER_MS:
+                break
         assert fastest(page, "lost") < LOST_MS
         assert fastest(page, "unheard") < ANSWER_MS
 
@@ -232,6 +234,8 @@ def test_stop_of_a_page_that_watches_among_five_reaches_the_stage(
             took_s.append(told_s[0] - pressed_s)
             wait_until(lambda: text(first, "#stage-motion") == "at rest", "the stage stands")
             wait_until(lambda: first.is_enabled("#home"), "the move has ended")
+            if min(took_s) < STAGE_S and fastest(watching, "heard") < ANSWER_MS:
+                break
         assert min(took_s) < STAGE_S
         assert fastest(watching, "heard") < ANSWER_MS
         assert not watching.is_visible("#alert-stop")
