@@ -181,6 +181,8 @@ class _JointTrial(Trial):
         both changes have to be explained, each in its own sense.
         """
         member = self._member_of_own(member)
+        if not 0 < np.count_nonzero(member) < len(member):
+            return None  # of the smaller one no pixel is looked at, or it lies upon the other
         sparse = 1 + self._own // _MOST_SEARCHED
         rest = self._by_member(self._static[: self._own], member)
         best: Fit | None = None

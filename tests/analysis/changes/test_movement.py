@@ -90,6 +90,15 @@ def movements(images: Images) -> tuple[Movement, ...]:
     return find_movements(images, regions(images))
 
 
+def test_a_pixel_beside_a_change_so_large_that_some_of_it_stands_for_all_has_not_moved() -> None:
+    images = compared(0 * Y, 40 * disc(35.0, 35.0, 30.0))
+    (large,) = regions(images)
+    for row in range(20, 50, 3):
+        at = np.array([row]), np.array([72])
+        pixel = ChangedRegion(row=row, col=72, sign=-large.sign, rows=at[0], cols=at[1])
+        assert find_movements(images, [large, pixel]) == ()
+
+
 def test_without_changes_there_is_no_movement() -> None:
     assert find_movements(compared(0 * Y, 0 * Y), []) == ()
 
