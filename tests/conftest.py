@@ -68,6 +68,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items += waiting + fast + slow
 
 
+@pytest.fixture
+def widths_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out a calibration's transfer over both axes, which takes nine tenths of its time."""
+    from calibration.psf import _calibration  # for the few tests that ask for it
+
+    monkeypatch.setattr(_calibration, "measure_transfer_2d", lambda *_, **__: None)
+
+
 def pytest_collection_finish() -> None:
     """Look for cycles among what tests make, not among the million objects that stay."""
     gc.freeze()

@@ -103,7 +103,6 @@ _TABLE_STEPS = 1024
 # Coarser tables, quick to make for each step of a fit: steps and nodes that are right to 3e-6 up to
 # a squared defocus.
 _SLOPE_TABLES = ((1.0, 128, 24), (4.0, 256, 24), (16.0, 512, 40))
-_SUMMED = 12_288  # slices of the pupil at once
 _NO_WAVES = 1e-4  # below, the sine is its argument
 # Over a range of squared defocus, curves at Chebyshev's points are right to 1e-8 if there are so
 # many, and one for every two radians that the range turns the pupil's phase by.
@@ -296,39 +295,27 @@ def _pupil_table(defocus_waves: float) -> _Table:
 
 def _pupil_curves(defocus_waves2: float, steps: int, nodes: int) -> _Table:
     """The transfer, and its slope by the squared defocus; both with their derivatives."""
+    area, area_slope, turn, turn_slope = _pupil_slices(steps, nodes)
     waves = sqrt(defocus_waves2)
-    values, slopes = np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
-    for some in _pupil_slices(steps, nodes):
-        phase = some.turn * waves
-        cosine, sine = np.cos(phase), np.sin(phase)
-        # Twice the slope of the cosine by the squared defocus is -turn sin(turn waves) / waves.
-        over = some.turn if waves < _NO_WAVES else sine / waves
-        otf_slope = some.area_slope * cosine - some.area * waves * some.turn_slope * sine
-        square_slope = some.area_slope_turn * over
-        square_slope += some.area_turn_slope * (over + some.turn * cosine)
-        values[some.angles, 0] = (some.area * cosine).sum(axis=1)
-        values[some.angles, 1] = -0.5 * (some.area_turn * over).sum(axis=1)
-        slopes[some.angles, 0] = otf_slope.sum(axis=1)
-        slopes[some.angles, 1] = -0.5 * square_slope.sum(axis=1)
-    return _Table(values, pi / 2 / steps * slopes)
-
-
-class _PupilSlices(NamedTuple):
-    """At some angles, slices of the pupil's overlap, phases per wave in them, and the slopes."""
-
-    angles: slice
-    area: FloatArray
-    area_slope: FloatArray
-    turn: FloatArray
-    turn_slope: FloatArray
-    area_turn: FloatArray
-    area_slope_turn: FloatArray
-    area_turn_slope: FloatArray
+    cosine, sine = np.cos(turn * waves), np.sin(turn * waves)
+    # Twice the slope of the cosine by the squared defocus is -turn sin(turn waves) / waves.
+    over = turn if waves < _NO_WAVES else sine / waves
+    otf = [area * cosine, area_slope * cosine - area * waves * turn_slope * sine]
+    by_square = [
+        area * turn * over,
+        area_slope * turn * over + area * turn_slope * (over + turn * cosine),
+    ]
+    step_rad = pi / 2 / steps
+    values, slopes = (
+        np.column_stack([first.sum(axis=1), -0.5 * second.sum(axis=1)])
+        for first, second in zip(otf, by_square, strict=True)
+    )
+    return _Table(values, step_rad * slopes)
 
 
 @lru_cache(maxsize=4)
-def _pupil_slices(steps: int, nodes: int) -> list[_PupilSlices]:
-    """Slices at all angles, in parts so small that sums over them stay in the processor's cache."""
+def _pupil_slices(steps: int, nodes: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Per angle, slices of the pupil's overlap, phases per wave in them, and the derivatives."""
     angle = np.linspace(0.0, pi / 2, steps + 1)[:, None]
     nu, fall = np.cos(angle), np.sin(angle)
     node, weight = np.polynomial.legendre.leggauss(nodes)
@@ -339,7 +326,4 @@ def _pupil_slices(steps: int, nodes: int) -> list[_PupilSlices]:
     area_slope = 2 / pi * weight * (sine**2 + 2 * theta * sine * cosine)
     turn = 8 * pi * nu * (cosine - nu)
     turn_slope = 8 * pi * (fall * (2 * nu - cosine) - nu * share * sine)
-    whole = (area, area_slope, turn, turn_slope, area * turn, area_slope * turn, area * turn_slope)
-    rows = _SUMMED // nodes
-    parts = [slice(first, first + rows) for first in range(0, steps + 1, rows)]
-    return [_PupilSlices(part, *(one[part] for one in whole)) for part in parts]
+    return area, area_slope, turn, turn_slope

@@ -9,20 +9,14 @@ before a block says what a person does meanwhile:
 
 import os
 import re
-import shlex
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field, replace
-from functools import partial
-from io import StringIO
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from unittest.mock import patch
-
-from standoff.cli import run
 
 CHECKOUT = Path(__file__).parents[2]
 LONGEST_S = 300.0
@@ -74,14 +68,9 @@ def blocks(page: str) -> list[Block]:
 
 @dataclass(kw_only=True)
 class Terminal:
-    """A shell in ``folder``, where ``cd`` lasts, and the processes behind it.
-
-    With ``in_this_process``, Python and commands of standoff alone run here, as no process of their
-    own starts; what needs the shell is typed into it.
-    """
+    """A shell in ``folder``, where ``cd`` lasts, and the processes behind it."""
 
     folder: Path
-    in_this_process: bool = False
     in_background: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def run(self, block: Block) -> str:
@@ -92,42 +81,6 @@ class Terminal:
         DoesNotRunError
             If it ended in another way than the page says.
         """
-        if not (self.in_this_process and block.how.startswith("ends with")):
-            return self._typed(block)
-        if block.language == "python":
-            return self._here(block, lambda: exec(block.code, {"__name__": "__main__"}))
-        printed, parts = "", list(_parts(block.code))
-        for place, part in enumerate(parts, 1):
-            how = block.how if place == len(parts) else "ends with status 0"
-            one = replace(block, code=part, how=how)
-            if part.startswith("standoff ") and not re.search(r"[<>|&;$`]", part):
-                printed += self._here(one, partial(run, self._words(part)))
-            else:
-                printed += self._typed(one)
-        return printed
-
-    def _words(self, line: str) -> list[str]:
-        """The words after ``standoff``, as the shell hands them over."""
-        found: list[str] = []
-        for word in shlex.split(line)[1:]:
-            files = sorted(self.folder.glob(word)) if "*" in word else []
-            found += [str(one.relative_to(self.folder)) for one in files] or [word]
-        return found
-
-    def _here(self, block: Block, act: Callable[[], int | None]) -> str:
-        printed = StringIO()
-        with (
-            chdir(self.folder),
-            patch.dict(os.environ, _environment()),
-            redirect_stdout(printed),
-            redirect_stderr(printed),
-        ):
-            status = act() or 0
-        if block.how != f"ends with status {status}":
-            raise DoesNotRunError(f"line {block.line}: status {status}\n{printed.getvalue()}")
-        return printed.getvalue()
-
-    def _typed(self, block: Block) -> str:
         output = self.folder.parent / f"printed-{block.line}.txt"
         with output.open("wb") as stream:
             process = subprocess.Popen(
@@ -176,21 +129,6 @@ class Terminal:
         return int(status[1])
 
 
-def _parts(code: str) -> Iterator[str]:
-    """Each command of standoff by itself, and what is between them."""
-    between = ""
-    for line in re.findall(r".*<<'(?:END)'\n(?:.*\n)*?END\n|(?:.*\\\n)*.*\n", code):
-        if line.startswith("standoff "):
-            if between:
-                yield between
-            yield line.replace("\\\n", " ")
-            between = ""
-        else:
-            between += line
-    if between:
-        yield between
-
-
 def _until(is_so: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
     ends = time.monotonic() + LONGEST_S
     while not is_so() and process.poll() is None and time.monotonic() < ends:
@@ -198,9 +136,9 @@ def _until(is_so: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
 
 
 @contextmanager
-def terminal(folder: Path, *, in_this_process: bool = False) -> Iterator[Terminal]:
+def terminal(folder: Path) -> Iterator[Terminal]:
     """A terminal in ``folder``; what still runs behind it at the end is interrupted."""
-    opened = Terminal(folder=folder, in_this_process=in_this_process)
+    opened = Terminal(folder=folder)
     try:
         yield opened
     finally:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.coarse_figures import coarse_figures
-from tests.docs.blocks import CHECKOUT, Block, _parts, blocks, terminal
+from tests.docs.blocks import CHECKOUT, Block, blocks, terminal
 from tests.docs.shown import agrees, first_difference, with_its_numbers
 
 TUTORIALS = sorted((CHECKOUT / "docs").glob("tutorial-*.md"))
@@ -21,27 +20,15 @@ def fresh_checkout(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.slow(minutes=0.4)
-@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # by Python of the pages
+@pytest.mark.slow(minutes=0.5)
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 def test_a_tutorial_runs_as_it_stands(page: Path, tmp_path: Path) -> None:
-    # One page is typed as a person types it. Of the others the commands run in this process, each
-    # as the shell would hand it over, but for those that are interrupted or go on in background.
-    is_typed = page.stem == "tutorial-two-photographs"
-    folder = fresh_checkout(tmp_path / "standoff")
-    with coarse_figures(), terminal(folder, in_this_process=not is_typed) as typed:
+    with terminal(fresh_checkout(tmp_path / "standoff")) as typed:
         for block in blocks(page.read_text("utf-8")):
             printed = typed.run(block)
             if block.shown:
                 place = f"{page.name}, line {block.line}"
                 assert first_difference(block.shown, printed) is None, f"{place}:\n{printed}"
-
-
-def test_commands_are_told_from_what_the_shell_does_between_them() -> None:
-    code = "a\ncat > f <<'END'\nstandoff x\nEND\nstandoff b \\\n  c\nstandoff d > e\n"
-    between, first, second = _parts(code)
-    assert between == "a\ncat > f <<'END'\nstandoff x\nEND\n"
-    assert (first.split(), second.split()) == (["standoff", "b", "c"], ["standoff", "d", ">", "e"])
 
 
 def test_there_are_four_tutorials_and_each_shows_what_its_commands_print() -> None:

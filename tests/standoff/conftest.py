@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import tifffile
 
+from analysis.reports import _page as page
 from scripts.example_files import make_example_files
 from standoff.cli import run
 from tests.calibration.closed_form import edge_image
-from tests.coarse_figures import coarse_figures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,9 +77,11 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def figures_of_few_pixels() -> Iterator[None]:
-    """Tests of this folder look at no figure."""
-    with coarse_figures():
+def coarse_figures() -> Iterator[None]:
+    """Draw figures with few pixels and not laid out: tests of this folder look at none."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(page, "_PNG_DPI", 40)
+        patched.setattr(page, "_lay_out", lambda figure: figure.set_layout_engine(None))
         yield
 
 

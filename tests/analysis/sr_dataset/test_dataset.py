@@ -326,7 +326,7 @@ def test_a_dataset_of_before_there_was_another_layout_goes_on(
     assert write(tmp_path, photographs).images_found_done == 150
 
 
-@pytest.mark.slow  # ten thousand photographs
+@pytest.mark.slow  # two thousand photographs
 def test_two_thousand_photographs_with_bad_ones_and_copies(tmp_path: Path) -> None:
     own, out = tmp_path / "photographs", tmp_path / "pairs"
     own.mkdir()

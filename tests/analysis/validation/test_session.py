@@ -63,12 +63,7 @@ def validation(series: Session, book: KernelBook) -> Validation:
     screening = screen(series, PSF)
     assert trainings_needed(series, screening.pairs, MODELS, book) == []
     settings = ValidationSettings(models=MODELS, kernels=book)
-    told: list[int] = []
-    found = validated(
-        series, PSF, settings, screening=screening, psf_name="psf.json", progress=told.append
-    )
-    assert told == [1, 2, 3, 4, 5]
-    return found
+    return validated(series, PSF, settings, screening=screening, psf_name="psf.json")
 
 
 @pytest.fixture(scope="module")
@@ -137,9 +132,13 @@ def test_the_means_are_those_of_the_pairs(validation: Validation) -> None:
         assert all(getattr(row, name) == value for name, value in own)
 
 
-def test_the_usual_models_need_no_training(validation: Validation) -> None:
-    assert ValidationSettings().models == ("bicubic", "paper", "matched", "lmmse")
-    assert repr(validation).startswith("<Validation of 5 pairs: MSE bicubic ")
+@pytest.mark.slow
+def test_progress_counts_the_pairs_of_a_validation_with_what_is_usual(series: Session) -> None:
+    told: list[int] = []
+    usual = validated(series, PSF, progress=told.append)
+    assert told == [1, 2, 3, 4, 5]
+    assert usual.models == ("bicubic", "paper", "matched", "lmmse")
+    assert repr(usual).startswith("<Validation of 5 pairs: MSE bicubic ")
 
 
 def test_figure_2_shows_one_pair_of_a_target(shown: list[ShownPair]) -> None:

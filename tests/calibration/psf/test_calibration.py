@@ -19,7 +19,7 @@ from calibration.edges import (
     fit_edge,
 )
 from calibration.errors import NoEdgeError
-from calibration.psf import _calibration, psf_of_images
+from calibration.psf import psf_of_images
 from calibration.psf._calibration import _psf_of_edges
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
@@ -33,12 +33,6 @@ from tests.calibration.edge_photographs import (
 from tests.calibration.known import known
 from tests.calibration.psf.measured_edges import edge
 from tests.calibration.squares import chart
-
-
-@pytest.fixture
-def widths_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the transfer over both axes, which takes nine tenths of the time."""
-    monkeypatch.setattr(_calibration, "measure_transfer_2d", lambda *_, **__: None)
 
 
 @pytest.mark.slow

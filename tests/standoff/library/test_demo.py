@@ -7,7 +7,7 @@ from acquisition.averaging import average_frames
 from acquisition.bench import load_bench
 from calibration.edges import EdgeImage
 from calibration.noise import fit_level_noise
-from calibration.psf import Estimate, _calibration, psf_of_images
+from calibration.psf import Estimate, psf_of_images
 from hil_mocks import SimulatedBench
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command
@@ -29,12 +29,9 @@ def test_the_demo_refuses_a_directory_it_cannot_write(command: Command, tmp_path
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("widths_alone")
 @pytest.mark.parametrize("half", [0, 1])
-def test_the_95_percent_intervals_contain_the_truth(
-    half: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # The widths alone are asked for: no transfer.
-    monkeypatch.setattr(_calibration, "measure_transfer_2d", lambda *_, **__: None)
+def test_the_95_percent_intervals_contain_the_truth(half: int) -> None:
     # Ten seeds each of the demo's edges at one height, on a quarter of its sensor; a correct
     # interval misses the truth more than twice in ten with probability 0.012, so the two halves
     # together stand for 18 of 20.
