@@ -5,7 +5,11 @@ from ._agreement import (
 )
 from ._candidates import OVERLAP_MIN_PX as OVERLAP_MIN_PX
 from ._descent import zoom_at_centre as zoom_at_centre
-from ._distorted_pose import DistortedPose as DistortedPose, FeatureMatches as FeatureMatches
+from ._distorted_pose import (
+    DistortedPose as DistortedPose,
+    FeatureMatches as FeatureMatches,
+    PixelParallax as PixelParallax,
+)
 from ._document import Homography as Homography
 from ._features import (
     ImageFeatures as ImageFeatures,

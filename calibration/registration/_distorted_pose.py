@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from simulation.arguments import ArgumentError, check_fields
-from simulation.arrays import BoolArray, FloatArray
+from simulation.arrays import BoolArray, Float32Array, FloatArray
 from simulation.by_value import ByValue
 from simulation.pose import lens_of, project, warped
 
@@ -125,6 +125,70 @@ class SmoothDisplacement:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PixelParallax(ByValue):
+    """Displacement of each pixel of a photograph by the depth of what it sees.
+
+    ``displaced_px``: from where a pixel is to where it would be seen if the scene were planar,
+    ``(y, x)``, shape (2, rows, cols). ``restored_px``: the way back, from there. ``is_seen``: pixels
+    of which the other photograph shows the same, shape ``(rows, cols)``. ``is_seen_back``: the same
+    of the other photograph's pixels, where the plane has them.
+    """
+
+    displaced_px: Float32Array = field(repr=False)
+    restored_px: Float32Array = field(repr=False)
+    is_seen: BoolArray = field(repr=False)
+    is_seen_back: BoolArray = field(repr=False)
+    photograph: Literal["reference", "followup"]
+
+    def displaced(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where pixels at ``(y, x)`` would lie if the scene were planar, in the same shape."""
+        moved_y, moved_x = _between_pixels(self.displaced_px, y_px, x_px)
+        return y_px + moved_y, x_px + moved_x
+
+    def restored(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where pixels lie that would be seen at ``(y, x)`` if the scene were planar."""
+        moved_y, moved_x = _between_pixels(self.restored_px, y_px, x_px)
+        return y_px + moved_y, x_px + moved_x
+
+    def shows_back(self, y_px: FloatArray, x_px: FloatArray) -> BoolArray:
+        """Whether the other photograph's pixels, which the plane has here, are seen in both."""
+        rows, cols = self.is_seen.shape
+        y, x = (np.clip(np.rint(at), -1, n) for at, n in ((y_px, rows), (x_px, cols)))
+        inside = (y >= 0) & (y < rows) & (x >= 0) & (x < cols)
+        row, col = np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int)
+        return np.asarray(inside & self.is_seen_back[row, col])
+
+    def swapped(self) -> Self:
+        """Return the same parallax with the roles of the two photographs exchanged."""
+        other: Literal["reference", "followup"] = (
+            "followup" if self.photograph == "reference" else "reference"
+        )
+        return replace(self, photograph=other)
+
+    def mirrored(self) -> Self:
+        """Return the parallax of the photograph with its columns reversed."""
+        signs = np.array([1.0, -1.0], dtype=np.float32)[:, None, None]
+        return replace(
+            self,
+            displaced_px=self.displaced_px[..., ::-1] * signs,
+            restored_px=self.restored_px[..., ::-1] * signs,
+            is_seen=self.is_seen[:, ::-1],
+            is_seen_back=self.is_seen_back[:, ::-1],
+        )
+
+
+def _between_pixels(images: Float32Array, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
+    """Two images between their pixels, linearly; beyond the frame as at its border."""
+    places = [np.asarray(y_px, dtype=np.float64), np.asarray(x_px, dtype=np.float64)]
+    return np.stack(
+        [
+            map_coordinates(image, places, order=1, mode="nearest", output=np.float64)
+            for image in images
+        ]
+    )
+
+
 def _largest(values: FloatArray) -> float:
     return float(np.abs(values).max(initial=0.0))
 
@@ -141,7 +205,7 @@ class DistortedPose(ByValue):
     frame, 1 at its corner, appears at ``r (1 + k1 r^2)``; points beyond the fold of a barrel
     distortion, of negative k1, are outside the frame. ``matrix``, shape (3, 3), last element 1,
     takes ideal follow-up pixels to ideal reference pixels. ``displacement`` is of the pixels of one
-    of the two, where the scene is not quite planar.
+    of the two, where the scene is not quite planar; ``parallax`` of each pixel, where it has depth.
     """
 
     matrix: FloatArray = field(repr=False)
@@ -149,6 +213,7 @@ class DistortedPose(ByValue):
     reference_shape: tuple[int, int]
     followup_shape: tuple[int, int]
     displacement: SmoothDisplacement | None = None
+    parallax: PixelParallax | None = None
 
     @property
     def zoom(self) -> float:
@@ -205,6 +270,7 @@ class DistortedPose(ByValue):
             reference_shape=self.followup_shape,
             followup_shape=self.reference_shape,
             displacement=None if self.displacement is None else self.displacement.swapped(),
+            parallax=None if self.parallax is None else self.parallax.swapped(),
         )
 
     def mirrored(self) -> Self:
@@ -212,17 +278,23 @@ class DistortedPose(ByValue):
         bend = self.displacement
         if bend is not None and bend.photograph == "followup":
             bend = bend.mirrored()
+        depth = self.parallax
+        if depth is not None and depth.photograph == "followup":
+            depth = depth.mirrored()
         # Distortion is the same on both sides of the frame's centre.
-        return self.with_(mirrored_matrix(self.matrix, self.followup_shape), self.k1, bend)
+        made = self.with_(mirrored_matrix(self.matrix, self.followup_shape), self.k1, bend)
+        return replace(made, parallax=depth)
 
     def to_reference_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Reference coordinates ``(y, x)`` of follow-up coordinates, in the same shape."""
-        bend = self.displacement
-        if bend is not None and bend.photograph == "followup":
-            y_px, x_px = bend.displaced(y_px, x_px)
+        bends = [one for one in (self.parallax, self.displacement) if one is not None]
+        for bend in bends:
+            if bend.photograph == "followup":
+                y_px, x_px = bend.displaced(y_px, x_px)
         y_px, x_px = _warped(self.matrix, self._lens, y_px, x_px)
-        if bend is not None and bend.photograph == "reference":
-            return bend.restored(y_px, x_px)
+        for bend in reversed(bends):
+            if bend.photograph == "reference":
+                y_px, x_px = bend.restored(y_px, x_px)
         return y_px, x_px
 
     def to_followup_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -239,6 +311,20 @@ class DistortedPose(ByValue):
         rows, cols = self.followup_shape
         y, x = np.meshgrid(np.arange(float(rows)), np.arange(float(cols)), indexing="ij")
         return self.to_reference_px(y, x)
+
+    @property
+    def plane(self) -> Self:
+        """The pose without the parallax of what stands out of the plane."""
+        return replace(self, parallax=None)
+
+    def followup_seen(self) -> BoolArray | None:
+        """Follow-up pixels of which both photographs show the same; None if nothing is hidden."""
+        depth = self.parallax
+        if depth is None:
+            return None
+        if depth.photograph == "followup":
+            return depth.is_seen
+        return depth.shows_back(*self.plane.followup_places_px())
 
     def nearest_homography(self) -> FloatArray:
         """Homography, shape (3, 3), nearest to the whole pose where the reference shows it."""

@@ -5,6 +5,7 @@ from ._warp import (
     derivatives as derivatives,
     homography_fault as homography_fault,
     ideal_factors as ideal_factors,
+    ideal_points as ideal_points,
     lens_of as lens_of,
     project as project,
     projection_depth as projection_depth,

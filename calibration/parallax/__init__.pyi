@@ -1,0 +1,2 @@
+from ._epipolar import EpipolarGeometry as EpipolarGeometry, epipolar_geometry as epipolar_geometry
+from ._parallax import Parallax as Parallax, find_parallax as find_parallax

@@ -1,0 +1,255 @@
+"""Epipolar geometry of two photographs beside the plane that aligns them.
+
+In the plane's frame a point of a rigid scene is displaced along the line to the epipole, by its
+height above the plane over its depth (R. Kumar, P. Anandan, K. Hanna, "Direct recovery of shape
+from multiple views: a parallax based approach", ICPR 1994). The plane is chosen among those that
+the geometry permits, so that this holds exactly (R. Hartley, A. Zisserman, "Multiple View Geometry
+in Computer Vision", 2nd edition, result 13.6).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calibration.registration import DistortedPose, FeatureMatches
+from simulation.arrays import BoolArray, FloatArray
+from simulation.pose import ideal_points, lens_of
+
+_NEAR_PX = 1.0
+"""Distance from its epipolar line within which a match agrees."""
+
+_DISPLACED_PX = 1.5
+"""Parallax from which a match tells of depth: planes align details to .3 to .9 px."""
+
+_LEAST_MATCHES = 20
+_LEAST_SHARE = 0.4
+"""Of all matches, those that must agree with a geometry."""
+
+_CELLS = 8
+_LEAST_CELLS = 0.15
+"""Share of the cells with matches in which some are displaced: a thing that moved is in few."""
+
+_TRIALS = 2000
+_ROUNDS = 8
+_LOCAL_ROUNDS = 4
+_SEED = 12
+_UNIT = np.eye(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class EpipolarGeometry:
+    """A plane's pose of a target in a source, and the epipole in the target's ideal pixels.
+
+    ``pose``: of a plane that the geometry permits. ``epipole``: homogeneous, shape (3,), of length
+    1. ``near``: matches that agree. ``parallax_px``: of each match, towards the epipole.
+    """
+
+    pose: DistortedPose
+    epipole: FloatArray
+    near: BoolArray
+    parallax_px: FloatArray
+
+    def directions(self, x_px: FloatArray, y_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Unit vectors ``(x, y)`` towards the epipole at seen pixels of the target; 0 at it."""
+        points = np.column_stack([np.ravel(x_px), np.ravel(y_px)]).astype(np.float64)
+        lens = _target_lens(self.pose)
+        if lens[0] == 0:
+            to_x, to_y = self._ideal_directions(points)
+        else:
+            step = 0.5
+            ideal = [
+                ideal_points(lens, points + np.array(by))
+                for by in ((step, 0), (-step, 0), (0, step), (0, -step))
+            ]
+            (a, c), (b, d) = (ideal[0] - ideal[1]).T, (ideal[2] - ideal[3]).T
+            u, v = self._ideal_directions(ideal_points(lens, points))
+            to_x, to_y = d * u - b * v, a * v - c * u
+            length = np.maximum(np.hypot(to_x, to_y), 1e-12)
+            to_x, to_y = to_x / length, to_y / length
+        return to_x.reshape(np.shape(x_px)), to_y.reshape(np.shape(x_px))
+
+    def _ideal_directions(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return _towards(self.epipole, points)
+
+
+def _towards(epipole: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors from points (n, 2) to the epipole; at infinity, all the same."""
+    sign = 1.0 if epipole[2] >= 0 else -1.0
+    x = sign * (epipole[0] - epipole[2] * points[:, 0])
+    y = sign * (epipole[1] - epipole[2] * points[:, 1])
+    length = np.maximum(np.hypot(x, y), 1e-12)
+    return x / length, y / length
+
+
+def _target_lens(pose: DistortedPose) -> FloatArray:
+    return lens_of(pose.k1, pose.reference_shape, pose.followup_shape)
+
+
+def _source_lens(pose: DistortedPose) -> FloatArray:
+    lens = _target_lens(pose)
+    return np.array([lens[0], lens[3], lens[4], lens[1], lens[2]])
+
+
+def in_plane(pose: DistortedPose, matches: FeatureMatches) -> tuple[FloatArray, FloatArray]:
+    """Matches in ideal pixels of the target, of which the source's were brought by the plane."""
+    own = ideal_points(_target_lens(pose), matches.followup_px.astype(np.float64))
+    other = ideal_points(_source_lens(pose), matches.reference_px.astype(np.float64))
+    return own, _mapped(np.linalg.inv(pose.matrix), other)
+
+
+def _mapped(matrix: FloatArray, points: FloatArray) -> FloatArray:
+    found = np.column_stack([points, np.ones(len(points))]) @ matrix.T
+    return np.asarray(found[:, :2] / found[:, 2:])
+
+
+def epipolar_geometry(matches: FeatureMatches, pose: DistortedPose) -> EpipolarGeometry | None:
+    """The geometry that matches agree with; None where they do not tell of depth.
+
+    ``matches``: of the target, as the follow-up, with the source. ``pose``: of the target in the
+    source, which a plane explains.
+    """
+    plane = pose.with_(pose.nearest_homography() if pose.k1 == 0 else pose.matrix, pose.k1)
+    if len(matches.followup_px) < _LEAST_MATCHES:
+        return None
+    own, other = in_plane(plane, matches)
+    found = None
+    count = 0
+    for fundamental in _hypotheses(own, other):
+        better, near = _locally_best(fundamental, own, other)
+        # What a plane explains says nothing of the geometry.
+        told = int(np.count_nonzero(near & _is_displaced(own, other)))
+        if told > count and near.mean() >= _LEAST_SHARE:
+            found, count = better, told
+    if found is None:
+        return None
+    near = _distances(found, own, other) < _NEAR_PX
+    if np.count_nonzero(near) < _LEAST_MATCHES:
+        return None
+    matrix, epipole = _compatible_plane(found, own[near], other[near])
+    away = _mapped(np.linalg.inv(matrix), other) - own
+    to_x, to_y = _towards(epipole, own)
+    parallax = away[:, 0] * to_x + away[:, 1] * to_y
+    if not _tells_of_depth(own, near, parallax):
+        return None
+    turned = plane.with_(plane.matrix @ matrix, plane.k1)
+    return EpipolarGeometry(pose=turned, epipole=epipole, near=near, parallax_px=parallax)
+
+
+def _is_displaced(own: FloatArray, other: FloatArray) -> BoolArray:
+    return np.asarray(np.hypot(*(other - own).T) > _DISPLACED_PX)
+
+
+def _hypotheses(own: FloatArray, other: FloatArray) -> list[FloatArray]:
+    """Fundamental matrices: of eight matches, and of the plane with two that it does not explain.
+
+    Where most of a scene is flat, eight matches seldom tell of more than the plane (O. Chum, T.
+    Werner, J. Matas, "Two-view geometry estimation unaffected by a dominant plane", CVPR 2005).
+    """
+    found = []
+    made, _ = cv2.findFundamentalMat(own, other, cv2.USAC_MAGSAC, _NEAR_PX, 0.9999, 5000)
+    if made is not None and made.shape == (3, 3):
+        found.append(np.asarray(made, dtype=np.float64))
+    displaced = np.flatnonzero(_is_displaced(own, other))
+    if len(displaced) >= 2:
+        found.append(_plane_and_two(own, other, displaced))
+    return found
+
+
+def _plane_and_two(own: FloatArray, other: FloatArray, displaced: FloatArray) -> FloatArray:
+    """The geometry of the plane and the epipole through which most displaced matches' lines go."""
+    rng = np.random.default_rng(_SEED)
+    a, b = (np.column_stack([points[displaced], np.ones(len(displaced))]) for points in (own, other))
+    lines = np.cross(a, b)
+    lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1])[:, None], 1e-12)
+    pairs = rng.integers(0, len(displaced), (_TRIALS, 2))
+    epipoles = np.cross(lines[pairs[:, 0]], lines[pairs[:, 1]])
+    length = np.linalg.norm(epipoles, axis=1, keepdims=True)
+    epipoles = epipoles[length[:, 0] > 1e-9] / length[length[:, 0] > 1e-9]
+    best, most = _UNIT[0], -1
+    for epipole in epipoles:
+        to_x, to_y = _towards(epipole, a[:, :2])
+        aside = (b - a)[:, 0] * to_y - (b - a)[:, 1] * to_x
+        count = int(np.count_nonzero(np.abs(aside) < _NEAR_PX))
+        if count > most:
+            best, most = epipole, count
+    return _cross(best)
+
+
+def _cross(vector: FloatArray) -> FloatArray:
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _distances(fundamental: FloatArray, own: FloatArray, other: FloatArray) -> FloatArray:
+    """Distances of matches from their lines, as Sampson has them, (n,)."""
+    a, b = (np.column_stack([points, np.ones(len(points))]) for points in (own, other))
+    there, here = a @ fundamental.T, b @ fundamental
+    product = np.sum(b * there, axis=1)
+    slope = np.sqrt((there[:, :2] ** 2).sum(axis=1) + (here[:, :2] ** 2).sum(axis=1))
+    # Of lines in one frame, the distance from one is sqrt(2) of Sampson's.
+    return np.asarray(np.sqrt(2) * np.abs(product) / np.maximum(slope, 1e-300))
+
+
+def _locally_best(
+    fundamental: FloatArray, own: FloatArray, other: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Fit all that agree, and again with what agrees then, as long as it is more."""
+    near = _distances(fundamental, own, other) < _NEAR_PX
+    for _ in range(_LOCAL_ROUNDS):
+        if np.count_nonzero(near) < 8:
+            break
+        refined, _ = cv2.findFundamentalMat(own[near], other[near], cv2.FM_8POINT)
+        if refined is None or refined.shape != (3, 3):
+            break
+        again = _distances(refined, own, other) < _NEAR_PX
+        if np.count_nonzero(again) <= np.count_nonzero(near):
+            break
+        fundamental, near = np.asarray(refined, dtype=np.float64), again
+    return fundamental, near
+
+
+def _compatible_plane(
+    fundamental: FloatArray, own: FloatArray, other: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Homography that the geometry permits, nearest to the plane of the matches, and the epipole.
+
+    Least sum of absolute distances along the lines: what stands out of the plane does not bend it.
+    """
+    u, _, _ = np.linalg.svd(fundamental)
+    there = u[:, 2]
+    base = _cross(there) @ fundamental
+    # The scale is that at which the third coordinate of what is mapped is about 1.
+    a, b = (np.column_stack([points, np.ones(len(points))]) for points in (own, other))
+    scale = np.median((a @ base.T)[:, :2] @ np.ones(2) / (b[:, :2] @ np.ones(2)))
+    base = base / (scale if abs(scale) > 1e-12 else 1.0)
+    weight = np.ones(len(own))
+    plane = np.zeros(3)
+    size = np.maximum(np.abs(a).max(axis=0), 1.0)
+    for _ in range(_ROUNDS):
+        # base a + there (v a) is proportional to b: two equations for v.
+        start = a @ base.T
+        rows, levels = [], []
+        for k in range(2):
+            rows.append((there[k] - b[:, k] * there[2])[:, None] * (a / size))
+            levels.append(b[:, k] * start[:, 2] - start[:, k])
+        design = np.concatenate(rows) * np.tile(weight, 2)[:, None]
+        plane = np.linalg.lstsq(design, np.concatenate(levels) * np.tile(weight, 2), rcond=None)[0]
+        matrix = base + np.outer(there, plane / size)
+        away = np.hypot(*(_mapped(matrix, own) - other).T)
+        depth = np.abs((a @ matrix.T)[:, 2])
+        weight = 1 / (np.sqrt(np.maximum(away, 0.1)) * np.maximum(depth, 1e-6))
+    matrix = matrix / matrix[2, 2]
+    # In the plane's own frame both epipoles are this one.
+    epipole = np.linalg.solve(matrix, there)
+    return np.asarray(matrix), np.asarray(epipole / np.linalg.norm(epipole))
+
+
+def _tells_of_depth(own: FloatArray, near: BoolArray, parallax: FloatArray) -> bool:
+    """Whether displaced matches lie in many places of the frame."""
+    low, high = own[near].min(axis=0), own[near].max(axis=0)
+    cell = np.clip(((own - low) / np.maximum(high - low, 1e-9) * _CELLS).astype(int), 0, _CELLS - 1)
+    number = cell[:, 1] * _CELLS + cell[:, 0]
+    with_matches = np.unique(number[near])
+    displaced = near & (np.abs(parallax) > _DISPLACED_PX)
+    return len(np.unique(number[displaced])) >= _LEAST_CELLS * len(with_matches)

@@ -1,0 +1,225 @@
+"""Parallax to a whole pixel, along epipolar lines: census costs and semi-global matching.
+
+H. Hirschmueller, "Stereo processing by semiglobal matching and mutual information", IEEE Trans.
+PAMI 30 (2008); the census transform of R. Zabih, J. Woodfill, ECCV 1994, is the same in another
+light. Here the lines go through an epipole anywhere, and both views are matched.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simulation.arrays import BoolArray, Float32Array
+from simulation.compiled import compiled, compiled_part
+
+CensusCodes = NDArray[np.uint64]
+Costs = NDArray[np.uint8]
+
+_CENSUS_ROWS, _CENSUS_COLS = 3, 4
+"""To either side of the middle: 62 neighbours."""
+
+_STEP_COST, _JUMP_COST = 10, 120
+"""Of neighbours whose parallax differs by a pixel, and by more: each is a sum of census costs."""
+
+_OUTSIDE_COST = 31
+"""Of a place beyond the photograph: as of one that has nothing in common."""
+
+_LEFT_OUT_COST = 31
+_BLOCK_PX = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AlignedViews:
+    """A target and a source on one grid, aligned by a plane.
+
+    ``target, source``: shape ``(rows, cols)``. ``is_target, is_source``: where they show anything.
+    ``to_x, to_y``: unit vectors of the epipolar lines, towards the epipole.
+    """
+
+    target: Float32Array
+    source: Float32Array
+    is_target: BoolArray
+    is_source: BoolArray
+    to_x: Float32Array
+    to_y: Float32Array
+
+    def reduced(self, factor: int) -> "AlignedViews":
+        """The same with pixels so many times as large; at the border what is over is left out."""
+        if factor == 1:
+            return self
+        rows, cols = (n // factor for n in self.target.shape)
+        part = np.s_[: rows * factor, : cols * factor]
+
+        def smaller(image: Float32Array) -> Float32Array:
+            return np.asarray(
+                cv2.resize(image[part], (cols, rows), interpolation=cv2.INTER_AREA), np.float32
+            )
+
+        length = np.maximum(np.hypot(smaller(self.to_x), smaller(self.to_y)), np.float32(1e-9))
+        return AlignedViews(
+            target=smaller(self.target),
+            source=smaller(self.source),
+            is_target=smaller(self.is_target.astype(np.float32)) > 0.999,
+            is_source=smaller(self.is_source.astype(np.float32)) > 0.999,
+            to_x=smaller(self.to_x) / length,
+            to_y=smaller(self.to_y) / length,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MatchedViews:
+    """Parallax of either view's pixels in whole px, and of the target's held-out blocks.
+
+    ``target, source``: towards the epipole from the target to the source, shape ``(rows, cols)``,
+    each on its own pixels. ``held_out``: the target's, of which every other block was not looked
+    at, as ``is_held_out`` marks them.
+    """
+
+    target: Float32Array
+    source: Float32Array
+    held_out: Float32Array
+    is_held_out: BoolArray
+
+
+def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedViews:
+    """Match along the epipolar lines, from the least parallax to the most."""
+    target, source = _census(views.target), _census(views.source)
+    count = most_px - least_px + 1
+    rows, cols = np.indices(views.target.shape)
+    is_held_out = (rows // _BLOCK_PX + cols // _BLOCK_PX) % 2 == 1
+
+    def of_target(left_out: BoolArray) -> Float32Array:
+        shown = views.is_target & ~left_out
+        cost = _costs(
+            target, source, shown, views.is_source, views.to_x, views.to_y, least_px, count
+        )
+        return _least(cost, least_px)
+
+    def of_source() -> Float32Array:
+        # From the source's pixels the target lies the other way.
+        cost = _costs(
+            source, target, views.is_source, views.is_target, -views.to_x, -views.to_y, least_px, count
+        )
+        return _least(cost, least_px)
+
+    with ThreadPoolExecutor(2) as both:
+        there = both.submit(of_source)
+        own = of_target(np.zeros_like(views.is_target))
+        held_out = of_target(is_held_out)
+        return MatchedViews(
+            target=own, source=there.result(), held_out=held_out, is_held_out=is_held_out
+        )
+
+
+def _census(image: Float32Array) -> CensusCodes:
+    """A bit for each neighbour that is brighter, shape ``(rows, cols)``."""
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), 0.6), dtype=np.float32)
+    top, left = _CENSUS_ROWS, _CENSUS_COLS
+    padded = cv2.copyMakeBorder(smooth, top, top, left, left, cv2.BORDER_REFLECT_101)
+    return _codes(np.asarray(padded, dtype=np.float32))
+
+
+@compiled(nogil=True)
+def _codes(padded: Float32Array) -> CensusCodes:
+    rows, cols = padded.shape[0] - 2 * _CENSUS_ROWS, padded.shape[1] - 2 * _CENSUS_COLS
+    codes = np.empty((rows, cols), dtype=np.uint64)
+    for row in range(rows):
+        for col in range(cols):
+            middle = padded[row + _CENSUS_ROWS, col + _CENSUS_COLS]
+            code = np.uint64(0)
+            for j in range(2 * _CENSUS_ROWS + 1):
+                for i in range(2 * _CENSUS_COLS + 1):
+                    if j == _CENSUS_ROWS and i == _CENSUS_COLS:
+                        continue
+                    code = code << np.uint64(1)
+                    if padded[row + j, col + i] > middle:
+                        code |= np.uint64(1)
+            codes[row, col] = code
+    return codes
+
+
+@compiled_part()
+def _bits(code: int) -> int:
+    """Number of bits that are set, by the parallel sums of H. Warren, "Hacker's Delight"."""
+    code = code - ((code >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    code = (code & np.uint64(0x3333333333333333)) + (
+        (code >> np.uint64(2)) & np.uint64(0x3333333333333333)
+    )
+    code = (code + (code >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return (code * np.uint64(0x0101010101010101)) >> np.uint64(56)
+
+
+@compiled(nogil=True)
+def _costs(
+    own: CensusCodes,
+    other: CensusCodes,
+    is_own: BoolArray,
+    is_other: BoolArray,
+    to_x: Float32Array,
+    to_y: Float32Array,
+    least_px: int,
+    count: int,
+) -> Costs:
+    """Neighbours that differ, at each parallax, shape ``(rows, cols, count)``."""
+    rows, cols = own.shape
+    costs = np.full((rows, cols, count), _OUTSIDE_COST, dtype=np.uint8)
+    for row in range(rows):
+        for col in range(cols):
+            if not is_own[row, col]:
+                continue
+            for k in range(count):
+                along = least_px + k
+                y = int(np.floor(row + along * to_y[row, col] + 0.5))
+                x = int(np.floor(col + along * to_x[row, col] + 0.5))
+                if 0 <= y < rows and 0 <= x < cols and is_other[y, x]:
+                    costs[row, col, k] = _bits(own[row, col] ^ other[y, x])
+    return costs
+
+
+_PATHS = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""Each is gone both ways."""
+
+
+def _least(costs: Costs, least_px: int) -> Float32Array:
+    """Parallax of least cost, over eight paths to each pixel."""
+    total = np.zeros(costs.shape, dtype=np.uint16)
+    for down, right in _PATHS:
+        _add_path(costs, total, down, right)
+        _add_path(costs[::-1, ::-1], total[::-1, ::-1], down, right)
+    return np.asarray(total.argmin(axis=2) + least_px, dtype=np.float32)
+
+
+@compiled(nogil=True)
+def _add_path(costs: Costs, total: NDArray[np.uint16], down: int, right: int) -> None:
+    """Add the costs of paths that come from one direction."""
+    rows, cols, count = costs.shape
+    # One line of paths before this, and this; each with its least cost.
+    before = np.zeros((cols, count), dtype=np.int32)
+    now = np.zeros((cols, count), dtype=np.int32)
+    for row in range(rows):
+        for step in range(cols):
+            col = step if right >= 0 else cols - 1 - step
+            j, i = row - down, col - right
+            if j < 0 or i < 0 or i >= cols:
+                for k in range(count):
+                    now[col, k] = costs[row, col, k]
+                    total[row, col, k] += np.uint16(costs[row, col, k])
+                continue
+            last = now[i] if down == 0 else before[i]
+            least = last[0]
+            for k in range(1, count):
+                least = min(least, last[k])
+            jump = least + _JUMP_COST
+            for k in range(count):
+                come = min(last[k], jump)
+                if k > 0:
+                    come = min(come, last[k - 1] + _STEP_COST)
+                if k + 1 < count:
+                    come = min(come, last[k + 1] + _STEP_COST)
+                path = costs[row, col, k] + come - least
+                now[col, k] = path
+                total[row, col, k] += np.uint16(path)
+        before, now = now, before

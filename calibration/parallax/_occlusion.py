@@ -1,0 +1,174 @@
+"""What is on a surface, what lies between two, and what only one photograph shows.
+
+A pixel whose match does not look like it, or is not matched back, says nothing of its depth: it may
+have changed. Between two places of one surface its parallax is interpolated along the line; at a
+jump only what was matched counts, as what is hidden in the other photograph lies there.
+"""
+
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.parallax._matching import AlignedViews
+from calibration.parallax._refinement import shifted_along
+from simulation.arrays import BoolArray, Float32Array
+from simulation.compiled import compiled, compiled_part
+
+_TWO_WAY_PX: Final = 1.5
+"""Distance at which a match there and back ends."""
+
+_UNLIKE_SD, _UNLIKE_SHARE_PX = 6.0, 1.5
+_UNLIKE_GROWN_PX: Final = 4
+_LEAST_ISLAND_PX: Final = 80
+_JUMP_PX, _JUMP_SLOPE = 1.0, 0.12
+"""Parallax of one surface at both sides of a gap differs by at most so much, and by so much a pixel
+of the gap."""
+
+_FARTHEST_PX: Final = 80
+_GUARD_PX: Final = 2
+
+
+def matched_both_ways(
+    own: Float32Array, other: Float32Array, views: AlignedViews
+) -> BoolArray:
+    """Pixels whose parallax is that of the place which they find in the other view."""
+    rows, cols = own.shape
+    y, x = np.mgrid[0:rows, 0:cols].astype(np.float32)
+    back = cv2.remap(
+        other,
+        x + own * views.to_x,
+        y + own * views.to_y,
+        cv2.INTER_NEAREST,
+        borderValue=(np.nan,) * 4,
+    )
+    # Written so that NaN is not matched.
+    return np.asarray(np.abs(back - own) <= _TWO_WAY_PX)
+
+
+def known_surface(
+    parallax_px: Float32Array, matched: BoolArray, left_sd: Float32Array
+) -> BoolArray:
+    """Matched pixels that look like their match, in patches of some size."""
+    smooth = cv2.GaussianBlur(np.abs(left_sd), (0, 0), _UNLIKE_SHARE_PX)
+    unlike = (smooth > _UNLIKE_SD) & matched
+    if unlike.any():
+        size = 2 * _UNLIKE_GROWN_PX + 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        unlike = cv2.dilate(unlike.astype(np.uint8), disc).astype(np.bool_)
+    known = matched & ~unlike
+    labels, sizes = _patches(parallax_px, known)
+    return np.asarray(known & (sizes[labels] >= _LEAST_ISLAND_PX))
+
+
+@compiled(nogil=True)
+def _patches(
+    parallax: Float32Array, known: BoolArray
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Number of the connected patch of each known pixel, and the patches' sizes; 0 for others."""
+    rows, cols = parallax.shape
+    labels = np.zeros((rows, cols), dtype=np.int32)
+    sizes = np.zeros(rows * cols + 1, dtype=np.int32)
+    stack = np.empty((rows * cols, 2), dtype=np.int32)
+    count = 0
+    for row in range(rows):
+        for col in range(cols):
+            if not known[row, col] or labels[row, col]:
+                continue
+            count += 1
+            labels[row, col] = count
+            stack[0, 0], stack[0, 1] = row, col
+            height = 1
+            while height:
+                height -= 1
+                y, x = stack[height, 0], stack[height, 1]
+                sizes[count] += 1
+                for side in range(4):
+                    j, i = y + (side == 0) - (side == 1), x + (side == 2) - (side == 3)
+                    if 0 <= j < rows and 0 <= i < cols and known[j, i] and not labels[j, i]:
+                        if abs(parallax[j, i] - parallax[y, x]) <= _JUMP_PX:
+                            labels[j, i] = count
+                            stack[height, 0], stack[height, 1] = j, i
+                            height += 1
+    return labels, sizes
+
+
+@compiled_part()
+def _side(
+    known: BoolArray, row: int, col: int, to_y: float, to_x: float
+) -> tuple[int, int, int]:
+    """First known pixel from a place on, and how far it is; -1 if there is none near enough."""
+    rows, cols = known.shape
+    for step in range(1, _FARTHEST_PX + 1):
+        y, x = int(np.floor(row + step * to_y + 0.5)), int(np.floor(col + step * to_x + 0.5))
+        if y < 0 or x < 0 or y >= rows or x >= cols:
+            return -1, -1, step
+        if known[y, x]:
+            return y, x, step
+    return -1, -1, _FARTHEST_PX
+
+
+@compiled(nogil=True)
+def filled_surface(
+    parallax: Float32Array,
+    known: BoolArray,
+    matched: BoolArray,
+    to_x: Float32Array,
+    to_y: Float32Array,
+) -> tuple[Float32Array, BoolArray]:
+    """Parallax of every pixel, and whether it is that of a surface: interpolated between its sides.
+
+    At a jump what was matched is taken as matched, and what was not is of the farther side, but
+    does not count.
+    """
+    rows, cols = parallax.shape
+    filled, is_sure = parallax.copy(), known.copy()
+    for row in range(rows):
+        for col in range(cols):
+            if known[row, col]:
+                continue
+            u, v = to_x[row, col], to_y[row, col]
+            ahead_y, ahead_x, ahead = _side(known, row, col, v, u)
+            back_y, back_x, back = _side(known, row, col, -v, -u)
+            if ahead_y < 0 and back_y < 0:
+                # Across the line, where nothing lies along it.
+                ahead_y, ahead_x, ahead = _side(known, row, col, u, -v)
+                back_y, back_x, back = _side(known, row, col, -u, v)
+            if ahead_y < 0 and back_y < 0:
+                filled[row, col] = 0.0
+                continue
+            if ahead_y < 0 or back_y < 0:
+                one = parallax[back_y, back_x] if ahead_y < 0 else parallax[ahead_y, ahead_x]
+                is_sure[row, col] = matched[row, col] and abs(parallax[row, col] - one) <= _JUMP_PX
+                if not is_sure[row, col]:
+                    filled[row, col] = one
+                continue
+            first, last = parallax[back_y, back_x], parallax[ahead_y, ahead_x]
+            if abs(first - last) <= _JUMP_PX + _JUMP_SLOPE * (ahead + back):
+                filled[row, col] = first + (last - first) * back / (ahead + back)
+                is_sure[row, col] = True
+            else:
+                is_sure[row, col] = matched[row, col]
+                if not matched[row, col]:
+                    # Both are as likely: nothing is decided by it.
+                    filled[row, col] = first if back <= ahead else last
+    return filled, is_sure
+
+
+def hidden_in_other(
+    own: Float32Array, other: Float32Array, is_other_sure: BoolArray, views: AlignedViews
+) -> BoolArray:
+    """Pixels at whose place the other view has another surface."""
+    there = shifted_along(other, views, own, cv2.INTER_NEAREST)
+    sure = shifted_along(is_other_sure.astype(np.float32), views, own, cv2.INTER_NEAREST)
+    return np.asarray((sure > 0) & (np.abs(there - own) > _TWO_WAY_PX))
+
+
+def guarded(compared: BoolArray) -> BoolArray:
+    """Pixels further from what is not compared than a guard band."""
+    size = 2 * _GUARD_PX + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return cv2.erode(
+        compared.astype(np.uint8), disc, borderType=cv2.BORDER_CONSTANT, borderValue=(1,) * 4
+    ).astype(np.bool_)

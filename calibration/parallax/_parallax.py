@@ -1,0 +1,239 @@
+"""Parallax of a scene with depth, between two photographs that a plane aligns."""
+
+from dataclasses import dataclass, field, replace
+from math import ceil, sqrt
+
+import cv2
+import numpy as np
+
+from calibration.errors import RegistrationError
+from calibration.parallax._epipolar import EpipolarGeometry, epipolar_geometry
+from calibration.parallax._matching import AlignedViews, MatchedViews, match_views
+from calibration.parallax._occlusion import (
+    filled_surface,
+    guarded,
+    hidden_in_other,
+    known_surface,
+    matched_both_ways,
+)
+from calibration.parallax._refinement import in_own_light, refined_parallax, shifted_along
+from calibration.registration import DistortedPose, PixelParallax, match_features
+from calibration.robust import robust_sigma
+from simulation.arrays import AnyArray, BoolArray, Float32Array
+from simulation.by_value import ByValue
+
+_MATCHED_ON_PX = 7e5
+"""Pixels above which matching is done on an image that is reduced first."""
+
+_BEYOND_SHARE, _BEYOND_PX = 0.25, 3
+"""Parallax that is looked for beyond that of the features, which are not at every extreme."""
+
+_MOST_PX = 160
+_EXTREMES = (0.5, 99.5)
+_BLOCK_PX = 8
+_LEAST_GAIN, _SURE_SD = 0.05, 5.0
+"""Share of what differs in held-out blocks that parallax must explain, and its standard errors."""
+
+_TRIMMED_SD = 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Parallax(ByValue):
+    """Parallax of a scene with depth.
+
+    Parameters
+    ----------
+    pose
+        Position of every follow-up pixel in the reference.
+    parallax_px, parallax_err_px
+        Displacement beside the plane towards the epipole, of each pixel of the photograph that
+        ``pose.parallax`` names, and its standard error; both NaN where it is not known, shape
+        ``(rows, cols)``.
+    epipole_px
+        The other camera's centre in that photograph, homogeneous ``(x, y, w)``.
+    matches, agreeing
+        Matched features, and those within a pixel of their epipolar lines.
+    held_out_gain
+        Share of what the plane leaves unexplained in blocks that were not looked at, which parallax
+        explains.
+    """
+
+    pose: DistortedPose
+    parallax_px: Float32Array = field(repr=False)
+    parallax_err_px: Float32Array = field(repr=False)
+    epipole_px: tuple[float, float, float]
+    matches: int
+    agreeing: int
+    held_out_gain: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Surface:
+    """Parallax of one view's pixels, its error, and where it is matched and that of a surface."""
+
+    parallax_px: Float32Array
+    error_px: Float32Array
+    is_sure: BoolArray
+
+
+def find_parallax(
+    reference: AnyArray, followup: AnyArray, pose: DistortedPose
+) -> Parallax | None:
+    """Parallax of the coarser photograph's pixels; None where the photographs tell of none.
+
+    ``reference, followup``: grey, shape ``(rows, cols)``. ``pose``: of a plane that explains most
+    of the scene, or some.
+    """
+    if pose.zoom < 1:
+        found = find_parallax(followup, reference, pose.inverse())
+        return None if found is None else replace(found, pose=found.pose.inverse())
+    try:
+        matches = match_features(reference, followup)
+    except RegistrationError:
+        return None
+    geometry = epipolar_geometry(matches, pose)
+    if geometry is None:
+        return None
+    source, target = (np.asarray(image, dtype=np.float32) for image in (reference, followup))
+    views = _aligned(target, source, geometry)
+    least, most = np.percentile(geometry.parallax_px[geometry.near], _EXTREMES).tolist()
+    factor = max(ceil(sqrt(target.size / _MATCHED_ON_PX)), 1)
+    small = views.reduced(factor)
+    room = _BEYOND_SHARE * (most - least) + _BEYOND_PX
+    low, high = (
+        max(int(np.floor((min(least, 0.0) - room) / factor)), -_MOST_PX),
+        min(int(np.ceil((max(most, 0.0) + room) / factor)), _MOST_PX),
+    )
+    matched = match_views(small, low, high)
+    lit = replace(
+        views,
+        target=in_own_light(views.target, views.is_target),
+        source=in_own_light(views.source, views.is_source),
+    )
+    gain, sure_sd = _held_out_gain(lit, matched, factor)
+    if not (gain >= _LEAST_GAIN and sure_sd >= _SURE_SD):
+        return None
+    own, other = _surfaces(lit, small, matched, factor)
+    hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_sure, lit)
+    back = _reversed(lit)
+    hidden_back = hidden_in_other(other.parallax_px, own.parallax_px, own.is_sure, back)
+    depth = PixelParallax(
+        displaced_px=np.stack([own.parallax_px * lit.to_y, own.parallax_px * lit.to_x]),
+        restored_px=np.stack([-other.parallax_px * lit.to_y, -other.parallax_px * lit.to_x]),
+        is_seen=guarded(own.is_sure & ~hidden),
+        is_seen_back=guarded(other.is_sure & ~hidden_back),
+        photograph="followup",
+    )
+    known = own.is_sure & ~hidden
+    unknown = np.float32(np.nan)
+    x, y, w = geometry.epipole.tolist()
+    return Parallax(
+        pose=replace(geometry.pose, parallax=depth),
+        parallax_px=np.where(known, own.parallax_px, unknown),
+        parallax_err_px=np.where(known & np.isfinite(own.error_px), own.error_px, unknown),
+        epipole_px=(x, y, w),
+        matches=len(geometry.near),
+        agreeing=int(np.count_nonzero(geometry.near)),
+        held_out_gain=gain,
+    )
+
+
+def _aligned(target: Float32Array, source: Float32Array, geometry: EpipolarGeometry) -> AlignedViews:
+    """Bring the source to the target's pixels by the plane, at the target's sampling."""
+    pose = geometry.pose
+    softer_px = 0.5 * sqrt(max(pose.zoom**2 - 1, 0.0))
+    if softer_px > 0.1:
+        source = np.asarray(cv2.GaussianBlur(source, (0, 0), softer_px), dtype=np.float32)
+    to_y, to_x = (at.astype(np.float32) for at in pose.followup_places_px())
+    seen = cv2.remap(source, to_x, to_y, cv2.INTER_CUBIC, borderValue=(np.nan,) * 4)
+    is_source = np.isfinite(seen)
+    is_target = np.isfinite(target)
+    rows, cols = target.shape
+    y, x = np.meshgrid(np.arange(float(rows)), np.arange(float(cols)), indexing="ij")
+    along_x, along_y = geometry.directions(x, y)
+    return AlignedViews(
+        target=np.where(is_target, target, np.float32(0)),
+        source=np.where(is_source, seen, np.float32(np.mean(seen[is_source]))).astype(np.float32),
+        is_target=is_target,
+        is_source=is_source,
+        to_x=along_x.astype(np.float32),
+        to_y=along_y.astype(np.float32),
+    )
+
+
+def _reversed(views: AlignedViews) -> AlignedViews:
+    """The same from the source, from which the target lies the other way."""
+    return replace(
+        views,
+        target=views.source,
+        source=views.target,
+        is_target=views.is_source,
+        is_source=views.is_target,
+        to_x=-views.to_x,
+        to_y=-views.to_y,
+    )
+
+
+def _surfaces(
+    views: AlignedViews, small: AlignedViews, matched: MatchedViews, factor: int
+) -> tuple[_Surface, _Surface]:
+    """Surfaces of the target's pixels and of the source's."""
+    back, small_back = _reversed(views), _reversed(small)
+    both = (
+        (views, small, matched.target, matched.source),
+        (back, small_back, matched.source, matched.target),
+    )
+    found = []
+    for whole, reduced, own, other in both:
+        is_matched = matched_both_ways(own, other, reduced)
+        shape = whole.target.shape
+        rough = _enlarged(own, factor, shape) * factor
+        agrees = _enlarged(is_matched.astype(np.float32), factor, shape) > 0.5
+        agrees &= whole.is_target
+        parallax, error, left = refined_parallax(whole, rough, agrees)
+        known = known_surface(parallax, agrees, left)
+        filled, is_sure = filled_surface(parallax, known, agrees, whole.to_x, whole.to_y)
+        found.append(_Surface(parallax_px=filled, error_px=error, is_sure=is_sure & whole.is_target))
+    return found[0], found[1]
+
+
+def _enlarged(image: Float32Array, factor: int, shape: tuple[int, ...]) -> Float32Array:
+    """Pixels so many times as small, up to the border."""
+    if factor == 1:
+        return image
+    large = np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
+    rows, cols = (n - m for n, m in zip(shape, large.shape, strict=True))
+    return np.asarray(np.pad(large, ((0, rows), (0, cols)), mode="edge"), dtype=np.float32)
+
+
+def _held_out_gain(
+    views: AlignedViews, matched: MatchedViews, factor: int
+) -> tuple[float, float]:
+    """Share by which parallax explains more of held-out blocks than the plane, in errors too."""
+    shape = views.target.shape
+    parallax = _enlarged(matched.held_out, factor, shape) * factor
+    held_out = _enlarged(matched.is_held_out.astype(np.float32), factor, shape) > 0.5
+    target, source = (
+        np.asarray(cv2.GaussianBlur(one, (0, 0), 0.7), dtype=np.float32)
+        for one in (views.target, views.source)
+    )
+    plane = np.abs(target - source)
+    bent = np.abs(target - shifted_along(source, views, parallax, cv2.INTER_LINEAR))
+    counts = held_out & views.is_target & views.is_source & np.isfinite(bent)
+    if not counts.any():
+        return 0.0, 0.0
+    most = np.float32(_TRIMMED_SD * robust_sigma((target - source)[counts]))
+    block = _BLOCK_PX * factor
+    rows, cols = (n // block for n in shape)
+
+    def by_block(image: Float32Array) -> Float32Array:
+        cut = np.where(counts, image, np.float32(0))[: rows * block, : cols * block]
+        return np.asarray(cut.reshape(rows, block, cols, block).sum(axis=(1, 3)))
+
+    before, after = (by_block(np.minimum(image, most)) for image in (plane, np.nan_to_num(bent)))
+    total = float(before.sum())
+    better = (before - after)[by_block(np.ones_like(plane)) > 0]
+    if total <= 0 or len(better) < 2:
+        return 0.0, 0.0
+    spread = float(better.std()) * sqrt(len(better))
+    return float(better.sum()) / total, float(better.sum()) / max(spread, 1e-30)
