@@ -59,7 +59,7 @@ def list_changes(
         followup, reference = (y, x), pose.to_reference_px(y, x)
     else:
         followup, reference = pose.to_followup_px(y, x), (y, x)
-        scale = _followup_px_by_pixel(pose, y, x)
+        scale = _followup_px_by_pixel(pose.plane, y, x)
         area_px, sigma_px = area_px * scale, sigma_px * np.sqrt(scale)
     heights = np.abs([region.significance for region in regions])
     compared_px = int(np.count_nonzero(compared.valid))

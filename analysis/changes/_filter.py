@@ -9,6 +9,7 @@ import numpy as np
 
 from analysis.changes._change_list import large_enough, list_changes
 from analysis.changes._comparison import Comparison, compare
+from analysis.changes._depth import with_depth
 from analysis.changes._document import Change, ChangeSummary
 from analysis.changes._levels import LimitMaps, detection_levels, detection_limit
 from analysis.changes._photograph_pair import (
@@ -17,6 +18,7 @@ from analysis.changes._photograph_pair import (
     clipped_at_white,
     nearest_shift,
     one_view,
+    positions_of,
     view_rather,
 )
 from analysis.changes._prediction import meet
@@ -60,10 +62,11 @@ class _FollowupGrid:
         """Find where the pixels of both lie."""
         if compared.is_on_followup:
             return cls(positions=None, valid=compared.valid, followup_px=1.0)
-        positions = PixelPositions.of(
-            pose.to_reference_px, pose.followup_shape, pose.reference_shape
-        )
+        positions = positions_of(pose, pose.followup_shape, pose.reference_shape)
         valid = positions.inside(compared.valid, 0.0)
+        seen = pose.followup_seen()
+        if seen is not None:
+            valid &= seen
         return cls(positions=positions, valid=valid, followup_px=1 / positions.zoom)
 
     def brought(self, image: FloatImage, outside: float = 0.0) -> FloatImage:
@@ -324,8 +327,13 @@ def changes_between(
     """
     options = options or ChangeOptions()
     aligned = _aligned(reference, followup, psf, options)
-    pose, options = aligned.pose, replace(options, colours=aligned.given.colours)
-    compared = compare(*aligned.given.photographs, psf, pose, options, aligned.blur)
+    options = replace(options, colours=aligned.given.colours)
+    compared = compare(*aligned.given.photographs, psf, aligned.pose, options, aligned.blur)
+    pose, depth = aligned.pose, None
+    if aligned.blur is None:
+        found = with_depth(aligned.given.photographs, psf, pose, options, compared)
+        if found is not None:
+            pose, depth, compared = found.parallax.pose, found, found.compared
     grid = _FollowupGrid.of(compared, pose)
     detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
@@ -524,7 +532,7 @@ def _masks(
         clipped_at_white(np.asarray(image, dtype=np.float32), white)
         for image, white in zip((reference, followup), options.white_level_dn, strict=True)
     )
-    positions = PixelPositions.of(pose.to_reference_px, pose.followup_shape, pose.reference_shape)
+    positions = positions_of(pose, pose.followup_shape, pose.reference_shape)
     return ChangeMasks(
         is_change=found[0],
         valid=found[1],

@@ -77,7 +77,8 @@ class ChangeOptions(ChangeCriteria):
     would be in files that are coded alike, for photographs whose pixels lie upon each other.
     ``colours``: of photographs in colour; without them the levels are compared alone.
     ``limit_rgb``: direction in linear levels of red, green and blue of the changes that the limit
-    is for, the largest of them 1; of photographs in colour.
+    is for, the largest of them 1; of photographs in colour. ``is_flat``: whether a plane is all that
+    is looked for, and no parallax of scenes with depth.
     """
 
     pose: DistortedPose | None = None
@@ -95,6 +96,7 @@ class ChangeOptions(ChangeCriteria):
     coded_alike: Callable[[], CodedAlike] | None = None
     colours: PairColours | None = None
     limit_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    is_flat: bool = False
 
 
 _LEAST_CLIPPED_SHARE: Final = 1e-4
@@ -213,6 +215,10 @@ there. Half of them are where noise about that end is cut off, and this is seen 
 _CLIPPED_BY_CHANCE_SD = np.float32(4.0)
 """How far below its end a level of a bracket may have been clipped by the noise of one exposure."""
 
+_HIDDEN_SD = 1.0
+"""Reach of a pixel that is hidden in one photograph, in widths of the smoothing: both show about the
+same there, as what is in front has its own outline in both."""
+
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
 
@@ -229,7 +235,8 @@ class PhotographPair:
     curve that took the target to the source's levels, at its pixels; None if it is as it was.
     ``tone_variance_dn2``: variance of that curve at the pixels. ``source_variance_dn2,
     target_variance_dn2``: variance of their pixels, where it is known. ``source_steps_dn2,
-    target_steps_dn2``: their variance by the steps of their files, where it is known.
+    target_steps_dn2``: their variance by the steps of their files, where it is known. ``is_seen``:
+    target's pixels of which both show the same, of scenes with depth.
     """
 
     is_on_followup: bool
@@ -247,6 +254,7 @@ class PhotographPair:
     target_variance_dn2: Float32Array | None = field(default=None, repr=False)
     source_steps_dn2: Float32Array | None = field(default=None, repr=False)
     target_steps_dn2: Float32Array | None = field(default=None, repr=False)
+    is_seen: BoolArray | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -273,21 +281,21 @@ class PhotographPair:
         ):
             if left_out is not None:
                 own &= ~left_out
-        towards = pose.to_reference_px
         steps = [
             rounding_variance(image) if known is None else known
             for image, known in zip(images, options.step_variance_dn2, strict=True)
         ]
         if not is_on_followup:
-            images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
+            images, usable = images[::-1], usable[::-1]
             ends = ends[::-1]
             variances, steps = variances[::-1], steps[::-1]
         shapes = [(image.shape[0], image.shape[1]) for image in images]
+        of_target = pose if is_on_followup else pose.inverse()
         pair = cls(
             is_on_followup=is_on_followup,
             source=images[0],
             target=images[1],
-            positions=PixelPositions.of(towards, shapes[1], shapes[0]),
+            positions=positions_of(of_target, shapes[1], shapes[0]),
             source_finite=usable[0],
             target_finite=usable[1],
             source_ends=ends[0],
@@ -296,6 +304,7 @@ class PhotographPair:
             target_variance_dn2=variances[1],
             source_steps_dn2=steps[0],
             target_steps_dn2=steps[1],
+            is_seen=of_target.followup_seen(),
         )
         if not pair._is_of_two_levels or pair._has_like_outlines:
             return pair
@@ -454,6 +463,8 @@ class PhotographPair:
         sound = away_from(~self.source_finite, _CLIPPED_PX + _CLIPPED_SD * source_px * zoom)
         inside = self.positions.inside(sound, border_px * zoom)
         inside &= away_from(~self.target_finite, _CLIPPED_PX + _CLIPPED_SD * target_px)
+        if self.is_seen is not None:
+            inside &= away_from(~self.is_seen, _HIDDEN_SD * max(source_px, target_px))
         width = int(np.ceil(border_px))
         inside[:width] = inside[-width:] = False
         inside[:, :width] = inside[:, -width:] = False
@@ -479,6 +490,14 @@ class PhotographPair:
         width_px = smoothing_px * self.positions.zoom
         seen = self.positions.seen(self.positions.coefficients(self.source, width_px))
         return np.nan_to_num(seen, copy=False, nan=float(np.mean(self.source)))
+
+
+def positions_of(
+    pose: DistortedPose, shape: tuple[int, int], source_shape: tuple[int, int]
+) -> PixelPositions:
+    """Where the pixels of a pose's follow-up lie in its reference, each at its depth."""
+    positions = PixelPositions.of(pose.plane.to_reference_px, shape, source_shape)
+    return positions if pose.parallax is None else positions.with_depth(pose.to_reference_px)
 
 
 def _least_light(

@@ -159,7 +159,7 @@ def _as_change(
     displacement, covariance = movement.displacement_px, movement.covariance_px2
     if not compared.is_on_followup:
         at = (float(regions[first].row), float(regions[first].col))
-        slope = _followup_slope(pose, at)
+        slope = _followup_slope(pose.plane, at)
         displacement = tuple(slope @ displacement)
         covariance = slope @ covariance @ slope.T
     err = np.sqrt(np.diag(covariance))

@@ -7,7 +7,8 @@ the geometry permits, so that this holds exactly (R. Hartley, A. Zisserman, "Mul
 in Computer Vision", 2nd edition, result 13.6).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import cv2
 import numpy as np
@@ -30,6 +31,9 @@ _CELLS = 8
 _LEAST_CELLS = 0.15
 """Share of the cells with matches in which some are displaced: a thing that moved is in few."""
 
+_LENS_GAIN = 0.7
+"""Of the misfit without distortion, what is left with one that is taken."""
+
 _TRIALS = 2000
 _ROUNDS = 8
 _LOCAL_ROUNDS = 4
@@ -43,12 +47,19 @@ class EpipolarGeometry:
 
     ``pose``: of a plane that the geometry permits. ``epipole``: homogeneous, shape (3,), of length
     1. ``near``: matches that agree. ``parallax_px``: of each match, towards the epipole.
+    ``misfit``: mean square distance of all matches from their lines, at most 1 px each.
     """
 
     pose: DistortedPose
     epipole: FloatArray
     near: BoolArray
     parallax_px: FloatArray
+    misfit: float
+
+    def with_(self, change: FloatArray, epipole: FloatArray) -> Self:
+        """Return the geometry with another plane, (3, 3) from this one's frame, and epipole."""
+        pose = self.pose.with_(self.pose.matrix @ change, self.pose.k1)
+        return replace(self, pose=pose, epipole=epipole)
 
     def directions(self, x_px: FloatArray, y_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unit vectors ``(x, y)`` towards the epipole at seen pixels of the target; 0 at it."""
@@ -109,9 +120,20 @@ def epipolar_geometry(matches: FeatureMatches, pose: DistortedPose) -> EpipolarG
     ``matches``: of the target, as the follow-up, with the source. ``pose``: of the target in the
     source, which a plane explains.
     """
-    plane = pose.with_(pose.nearest_homography() if pose.k1 == 0 else pose.matrix, pose.k1)
     if len(matches.followup_px) < _LEAST_MATCHES:
         return None
+    # Of a scene with depth, what was fitted as the lens's distortion may be parallax.
+    plain = _beside_plane(pose.with_(pose.nearest_homography(), 0.0), matches)
+    if pose.k1 == 0:
+        return plain
+    seen = _beside_plane(pose.with_(pose.matrix, pose.k1), matches)
+    if plain is None or seen is None:
+        return plain or seen
+    return seen if seen.misfit < _LENS_GAIN * plain.misfit else plain
+
+
+def _beside_plane(plane: DistortedPose, matches: FeatureMatches) -> EpipolarGeometry | None:
+    """The geometry with one lens."""
     own, other = in_plane(plane, matches)
     found = None
     count = 0
@@ -123,7 +145,8 @@ def epipolar_geometry(matches: FeatureMatches, pose: DistortedPose) -> EpipolarG
             found, count = better, told
     if found is None:
         return None
-    near = _distances(found, own, other) < _NEAR_PX
+    distances = _distances(found, own, other)
+    near = distances < _NEAR_PX
     if np.count_nonzero(near) < _LEAST_MATCHES:
         return None
     matrix, epipole = _compatible_plane(found, own[near], other[near])
@@ -133,7 +156,13 @@ def epipolar_geometry(matches: FeatureMatches, pose: DistortedPose) -> EpipolarG
     if not _tells_of_depth(own, near, parallax):
         return None
     turned = plane.with_(plane.matrix @ matrix, plane.k1)
-    return EpipolarGeometry(pose=turned, epipole=epipole, near=near, parallax_px=parallax)
+    return EpipolarGeometry(
+        pose=turned,
+        epipole=epipole,
+        near=near,
+        parallax_px=parallax,
+        misfit=float(np.mean(np.minimum(distances, _NEAR_PX) ** 2)),
+    )
 
 
 def _is_displaced(own: FloatArray, other: FloatArray) -> BoolArray:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from calibration.errors import RegistrationError
+from calibration.parallax._correction import corrected_geometry
 from calibration.parallax._epipolar import EpipolarGeometry, epipolar_geometry
 from calibration.parallax._matching import AlignedViews, MatchedViews, match_views
 from calibration.parallax._occlusion import (
@@ -35,6 +36,7 @@ _LEAST_GAIN, _SURE_SD = 0.05, 5.0
 """Share of what differs in held-out blocks that parallax must explain, and its standard errors."""
 
 _TRIMMED_SD = 6.0
+_CORRECTIONS, _FEW_ROUNDS = 1, 2
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -105,14 +107,15 @@ def find_parallax(
         min(int(np.ceil((max(most, 0.0) + room) / factor)), _MOST_PX),
     )
     matched = match_views(small, low, high)
-    lit = replace(
-        views,
-        target=in_own_light(views.target, views.is_target),
-        source=in_own_light(views.source, views.is_source),
-    )
+    lit = _in_own_light(views)
     gain, sure_sd = _held_out_gain(lit, matched, factor)
     if not (gain >= _LEAST_GAIN and sure_sd >= _SURE_SD):
         return None
+    rough, agrees = _rough(views, small, matched, factor)
+    for _ in range(_CORRECTIONS):
+        parallax, _, _ = refined_parallax(lit, rough, agrees, _FEW_ROUNDS)
+        geometry = corrected_geometry(geometry, lit, parallax, agrees)
+        lit = _in_own_light(_aligned(target, source, geometry))
     own, other = _surfaces(lit, small, matched, factor)
     hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_sure, lit)
     back = _reversed(lit)
@@ -161,6 +164,14 @@ def _aligned(target: Float32Array, source: Float32Array, geometry: EpipolarGeome
     )
 
 
+def _in_own_light(views: AlignedViews) -> AlignedViews:
+    return replace(
+        views,
+        target=in_own_light(views.target, views.is_target),
+        source=in_own_light(views.source, views.is_source),
+    )
+
+
 def _reversed(views: AlignedViews) -> AlignedViews:
     """The same from the source, from which the target lies the other way."""
     return replace(
@@ -179,22 +190,25 @@ def _surfaces(
 ) -> tuple[_Surface, _Surface]:
     """Surfaces of the target's pixels and of the source's."""
     back, small_back = _reversed(views), _reversed(small)
-    both = (
-        (views, small, matched.target, matched.source),
-        (back, small_back, matched.source, matched.target),
-    )
+    turned = replace(matched, target=matched.source, source=matched.target)
     found = []
-    for whole, reduced, own, other in both:
-        is_matched = matched_both_ways(own, other, reduced)
-        shape = whole.target.shape
-        rough = _enlarged(own, factor, shape) * factor
-        agrees = _enlarged(is_matched.astype(np.float32), factor, shape) > 0.5
-        agrees &= whole.is_target
+    for whole, reduced, both in ((views, small, matched), (back, small_back, turned)):
+        rough, agrees = _rough(whole, reduced, both, factor)
         parallax, error, left = refined_parallax(whole, rough, agrees)
         known = known_surface(parallax, agrees, left)
         filled, is_sure = filled_surface(parallax, known, agrees, whole.to_x, whole.to_y)
         found.append(_Surface(parallax_px=filled, error_px=error, is_sure=is_sure & whole.is_target))
     return found[0], found[1]
+
+
+def _rough(
+    views: AlignedViews, small: AlignedViews, matched: MatchedViews, factor: int
+) -> tuple[Float32Array, BoolArray]:
+    """The target's parallax to a pixel or so, and where it is matched both ways."""
+    shape = views.target.shape
+    is_matched = matched_both_ways(matched.target, matched.source, small)
+    agrees = _enlarged(is_matched.astype(np.float32), factor, shape) > 0.5
+    return _enlarged(matched.target, factor, shape) * factor, agrees & views.is_target
 
 
 def _enlarged(image: Float32Array, factor: int, shape: tuple[int, ...]) -> Float32Array:

@@ -4,6 +4,9 @@ B. Lucas, T. Kanade, "An iterative image registration technique with an applicat
 vision", IJCAI 1981, with one freedom a pixel. Neighbours on one surface share what they know.
 """
 
+from dataclasses import dataclass
+from typing import Self
+
 import cv2
 import numpy as np
 
@@ -19,13 +22,22 @@ _CONTRAST_FLOOR = 0.15
 """Of the contrast's median over the frame: where there is none, noise is not made one."""
 
 _ROUNDS = 4
-_WINDOW_PX = 5
-"""Reach of the neighbours of a pixel that are on its surface."""
+_SMOOTHING_PX = 0.7
+_WINDOW_PX, _WINDOW_SIGMA_PX = 7, 3.0
+"""Reach and width of the neighbours that say with a pixel where its surface lies."""
 
-_WINDOW_SIGMA_PX = 2.0
-_SAME_SURFACE_PX = 1.0
+_JUMP_PX = 0.8
+"""Step of the parallax between two neighbours from which on they are not on one surface."""
+
+_SAME_SURFACE_PX, _SAME_SLOPE = 0.6, 0.12
+"""Beside a jump, neighbours of one surface differ by so much, and so much a pixel of distance."""
+
+_SLOPE_SD = 0.15
+"""Of surfaces that are known by few details: standard deviation of the parallax's slope."""
+
 _MOST_STEP_PX = 0.7
-_LEAST_INFORMATION = 1e-4
+_ROBUST_SD = 3.0
+_LEAST_INFORMATION = 1e-3
 """Of the median: where there is no detail at all, the neighbours say all."""
 
 
@@ -65,85 +77,180 @@ def shifted_along(
 
 
 def refined_parallax(
-    views: AlignedViews, parallax_px: Float32Array, matched: BoolArray
+    views: AlignedViews, parallax_px: Float32Array, matched: BoolArray, rounds: int = _ROUNDS
 ) -> tuple[Float32Array, Float32Array, Float32Array]:
     """Parallax, its standard error, and what is left of the levels in units of their scatter.
 
     ``views``: in their own light. ``parallax_px``: to a pixel, where ``matched``.
     """
     found = parallax_px.copy()
-    smooth = np.asarray(cv2.GaussianBlur(views.target, (0, 0), 0.7), dtype=np.float32)
-    source = np.asarray(cv2.GaussianBlur(views.source, (0, 0), 0.7), dtype=np.float32)
-    slope_x, slope_y = (
-        cv2.Sobel(source, cv2.CV_32F, across, 1 - across, scale=1 / 8) for across in (1, 0)
-    )
     error = np.full(found.shape, np.inf, dtype=np.float32)
     left = np.zeros(found.shape, dtype=np.float32)
-    for turn in range(_ROUNDS):
-        seen = shifted_along(source, views, found, cv2.INTER_CUBIC)
-        along = shifted_along(np.asarray(slope_x, np.float32), views, found, cv2.INTER_LINEAR)
-        along = along * views.to_x + views.to_y * shifted_along(
-            np.asarray(slope_y, np.float32), views, found, cv2.INTER_LINEAR
-        )
-        left = smooth - seen
-        counts = matched & np.isfinite(left) & np.isfinite(along)
-        if not counts.any():
+    smooth = SmoothedViews.of(views)
+    for _ in range(rounds):
+        seen = smooth.residuals(found, matched)
+        left, along = seen.left, seen.along
+        if not seen.counts.any():
             break
-        left = np.where(counts, left, np.float32(0))
-        along = np.where(counts, along, np.float32(0))
-        scatter = np.float32(max(robust_sigma(left[counts]), 1e-9))
-        least = _LEAST_INFORMATION * float(np.median(along[counts] ** 2))
-        found, error = _stepped(
-            found, left, along, counts, scatter, np.float32(least), turn < _ROUNDS - 1
-        )
-        left = left / scatter
+        # What no parallax explains does not pull at it.
+        least = _LEAST_INFORMATION * float(np.median(along[seen.counts] ** 2))
+        information = (seen.weight * (along**2 + least)).astype(np.float32)
+        said = (seen.weight * along * left).astype(np.float32) + information * found
+        fitted, error = _surface_fit(found, information, said, seen.counts)
+        found += np.clip(fitted - found, -_MOST_STEP_PX, _MOST_STEP_PX) * seen.counts
     return found, error, left
 
 
-@compiled(nogil=True)
-def _stepped(
-    parallax: Float32Array,
-    left: Float32Array,
-    along: Float32Array,
-    counts: BoolArray,
-    scatter: float,
-    least: float,
-    moves: bool,  # noqa: FBT001 - a flag of compiled code
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Residuals:
+    """What is left at each pixel, over its scatter, and how it changes with a pixel's displacement.
+
+    ``along, across``: by a displacement towards the epipole, and to the right of that. ``weight``:
+    less where more is left. ``counts``: pixels that are matched, and seen.
+    """
+
+    left: Float32Array
+    along: Float32Array
+    across: Float32Array
+    weight: Float32Array
+    counts: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SmoothedViews:
+    """Views smoothed a little, with the slopes of the source."""
+
+    views: AlignedViews
+    target: Float32Array
+    source: Float32Array
+    slope_x: Float32Array
+    slope_y: Float32Array
+
+    @classmethod
+    def of(cls, views: AlignedViews) -> Self:
+        """Smooth, which takes from noise more than from what lenses show."""
+        target, source = (
+            np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX), dtype=np.float32)
+            for image in (views.target, views.source)
+        )
+        slope_x, slope_y = (
+            np.asarray(cv2.Sobel(source, cv2.CV_32F, across, 1 - across, scale=1 / 8), np.float32)
+            for across in (1, 0)
+        )
+        return cls(views=views, target=target, source=source, slope_x=slope_x, slope_y=slope_y)
+
+    def residuals(self, parallax_px: Float32Array, matched: BoolArray) -> Residuals:
+        """What a parallax leaves of the matched pixels."""
+        views = self.views
+        left = self.target - shifted_along(self.source, views, parallax_px, cv2.INTER_CUBIC)
+        x, y = (
+            shifted_along(one, views, parallax_px, cv2.INTER_LINEAR)
+            for one in (self.slope_x, self.slope_y)
+        )
+        along, across = x * views.to_x + y * views.to_y, y * views.to_x - x * views.to_y
+        counts = matched & np.isfinite(left) & np.isfinite(along)
+        left, along, across = (np.where(counts, one, 0) for one in (left, along, across))
+        scatter = np.float32(max(robust_sigma(left[counts]), 1e-9) if counts.any() else 1.0)
+        left = left / scatter
+        weight = np.where(counts, _ROBUST_SD / np.maximum(np.abs(left), _ROBUST_SD), 0)
+        return Residuals(
+            left=left.astype(np.float32),
+            along=(along / scatter).astype(np.float32),
+            across=(across / scatter).astype(np.float32),
+            weight=weight.astype(np.float32),
+            counts=counts,
+        )
+
+
+def _surface_fit(
+    parallax: Float32Array, information: Float32Array, said: Float32Array, counts: BoolArray
 ) -> tuple[Float32Array, Float32Array]:
-    """A step of each pixel's parallax with those around it on its surface, and its error."""
+    """Level at each pixel of the plane through what those around it say, and its error."""
+    along = np.arange(-_WINDOW_PX, _WINDOW_PX + 1, dtype=np.float32)
+    window = np.exp(-(along**2) / (2 * _WINDOW_SIGMA_PX**2))
+    powers = [window, window * along, window * along**2]
+
+    def moment(image: Float32Array, x_power: int, y_power: int) -> Float32Array:
+        # Correlated, not convolved: distances are those of the neighbours from the pixel.
+        found = cv2.sepFilter2D(
+            image, -1, powers[x_power], powers[y_power], borderType=cv2.BORDER_CONSTANT
+        )
+        return np.asarray(found, dtype=np.float32)
+
+    ridge = np.float32(_SLOPE_SD**-2)
+    a, b, c = moment(information, 0, 0), moment(information, 1, 0), moment(information, 0, 1)
+    d, e, f = moment(information, 2, 0), moment(information, 1, 1), moment(information, 0, 2)
+    d, f = d + ridge, f + ridge
+    # First row of the inverse of a symmetric matrix, whose other two columns are small.
+    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
+    whole = np.maximum(a * p + b * q + c * r, np.float32(1e-20))
+    level = p * moment(said, 0, 0) + q * moment(said, 1, 0) + r * moment(said, 0, 1)
+    fitted = np.where(a > 0, level / whole, parallax)
+    error = np.where(a > 0, np.sqrt(np.maximum(p, 0) / whole), np.float32(np.inf))
+    beside = _beside_jumps(parallax, counts)
+    _fit_beside_jumps(parallax, information, said, beside, fitted, error)
+    return fitted, error
+
+
+def _beside_jumps(parallax: Float32Array, counts: BoolArray) -> BoolArray:
+    """Pixels in whose window the parallax jumps, or is not known."""
+    jumps = ~counts
+    for axis in (0, 1):
+        step = np.abs(np.diff(parallax, axis=axis)) > _JUMP_PX
+        own, other = (
+            tuple(np.s_[:] if k != axis else part for k in (0, 1)) for part in (np.s_[1:], np.s_[:-1])
+        )
+        jumps[own] |= step
+        jumps[other] |= step
+    size = 2 * _WINDOW_PX + 1
+    grown = cv2.dilate(jumps.astype(np.uint8), np.ones((size, size), dtype=np.uint8))
+    return np.asarray(grown.astype(np.bool_) & counts)
+
+
+@compiled(nogil=True)
+def _fit_beside_jumps(
+    parallax: Float32Array,
+    information: Float32Array,
+    said: Float32Array,
+    beside: BoolArray,
+    fitted: Float32Array,
+    error: Float32Array,
+) -> None:
+    """The same with the neighbours alone that are on the pixel's surface, in place."""
     rows, cols = parallax.shape
-    found, error = parallax.copy(), np.full(parallax.shape, np.inf, dtype=np.float32)
     reach = _WINDOW_PX
-    weights = np.empty((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
-    for j in range(-reach, reach + 1):
-        for i in range(-reach, reach + 1):
-            weights[j + reach, i + reach] = np.exp(-(j * j + i * i) / (2 * _WINDOW_SIGMA_PX**2))
+    ridge = _SLOPE_SD**-2
     for row in range(rows):
         for col in range(cols):
-            if not counts[row, col]:
+            if not beside[row, col]:
                 continue
             middle = parallax[row, col]
-            information, score, squares, level, total = 0.0, 0.0, 0.0, 0.0, 0.0
+            a, b, c, d, e, f = 0.0, 0.0, 0.0, ridge, 0.0, ridge
+            u, v, w = 0.0, 0.0, 0.0
             for j in range(max(row - reach, 0), min(row + reach + 1, rows)):
                 for i in range(max(col - reach, 0), min(col + reach + 1, cols)):
-                    apart = parallax[j, i] - middle
-                    if not counts[j, i] or abs(apart) > _SAME_SURFACE_PX:
+                    known = information[j, i]
+                    if known <= 0:
                         continue
-                    weight = weights[j - row + reach, i - col + reach]
-                    # A residual that no parallax explains does not pull at it.
-                    size = abs(left[j, i]) / scatter
-                    if size > 3.0:
-                        weight = weight * 3.0 / size
-                    slope = along[j, i]
-                    information += weight * (slope * slope + least)
-                    score += weight * (slope * (left[j, i] + slope * apart) + least * apart)
-                    squares += weight * weight * slope * slope
-                    level += weight * apart
-                    total += weight
-            if information <= 0:
-                continue
-            step = score / information
-            if moves:
-                found[row, col] = middle + min(max(step, -_MOST_STEP_PX), _MOST_STEP_PX)
-            error[row, col] = scatter * np.sqrt(squares) / information
-    return found, error
+                    y, x = float(j - row), float(i - col)
+                    square = x * x + y * y
+                    apart = abs(parallax[j, i] - middle)
+                    if apart > _SAME_SURFACE_PX + _SAME_SLOPE * np.sqrt(square):
+                        continue
+                    weight = np.exp(-square / (2 * _WINDOW_SIGMA_PX**2))
+                    level = weight * said[j, i]
+                    weight *= known
+                    a += weight
+                    b += weight * x
+                    c += weight * y
+                    d += weight * x * x
+                    e += weight * x * y
+                    f += weight * y * y
+                    u += level
+                    v += level * x
+                    w += level * y
+            p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
+            whole = a * p + b * q + c * r
+            if whole > 0:
+                fitted[row, col] = (p * u + q * v + r * w) / whole
+                error[row, col] = np.sqrt(p / whole)

@@ -6,7 +6,7 @@ positions come from a coarse grid by cubic interpolation: a pose is far smoother
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Self
 
@@ -145,7 +145,8 @@ class PixelPositions:
     ``shape, source_shape``: ``(rows, cols)`` of the grid and of the other photograph. ``nodes_y,
     nodes_x``: positions of a coarse grid of pixels, whose first node is one step before the first
     pixel. ``whole_shift``: ``(rows, cols)`` by which each pixel lies further on in the other
-    photograph, where all are such numbers of pixels: then nothing is interpolated.
+    photograph, where all are such numbers of pixels: then nothing is interpolated. ``at_y, at_x``:
+    positions of every pixel, where the scene has depth; the nodes are then those of its plane.
     """
 
     shape: tuple[int, int]
@@ -153,6 +154,8 @@ class PixelPositions:
     nodes_y: FloatArray
     nodes_x: FloatArray
     whole_shift: tuple[int, int] | None = None
+    at_y: Float32Array | None = None
+    at_x: Float32Array | None = None
 
     @classmethod
     def of(
@@ -174,6 +177,14 @@ class PixelPositions:
             whole_shift=_whole_shift(nodes_y - y[:, None], nodes_x - x),
         )
 
+    def with_depth(
+        self, positions_px: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+    ) -> Self:
+        """Return these positions of a plane with those of every pixel beside it."""
+        y, x = np.meshgrid(*map(np.arange, map(float, self.shape)), indexing="ij")
+        at_y, at_x = (at.astype(np.float32) for at in positions_px(y, x))
+        return replace(self, whole_shift=None, at_y=at_y, at_x=at_x)
+
     @property
     def zoom(self) -> float:
         """Median number of the other photograph's pixels to one of the grid, along a line."""
@@ -187,13 +198,18 @@ class PixelPositions:
             min(max(round(at / _NODE_STEP_PX) + 1, 1), n - 2)
             for at, n in zip((row, col), self.nodes_y.shape, strict=True)
         )
+        if self.at_y is not None and self.at_x is not None:
+            own = (round(row), round(col))
+            at_y, at_x = float(self.at_y[own]), float(self.at_x[own])
+        else:
+            at_y, at_x = float(self.nodes_y[j, i]), float(self.nodes_x[j, i])
         slopes = np.array(
             [
                 [nodes[j, i + 1] - nodes[j, i - 1], nodes[j + 1, i] - nodes[j - 1, i]]
                 for nodes in (self.nodes_x, self.nodes_y)
             ]
         )
-        return float(self.nodes_y[j, i]), float(self.nodes_x[j, i]), slopes / (2 * _NODE_STEP_PX)
+        return at_y, at_x, slopes / (2 * _NODE_STEP_PX)
 
     @property
     def whole(self) -> Window:
@@ -211,11 +227,15 @@ class PixelPositions:
         rows, cols = window or self.whole
         if self.whole_shift is not None:
             return _cut_out(coefficients, rows, cols, self.whole_shift)
+        if self.at_y is not None and self.at_x is not None:
+            return _seen_at(coefficients, self.at_y[rows, cols], self.at_x[rows, cols])
         corner = np.array([rows.start, cols.start, rows.stop, cols.stop])
         return _seen(coefficients, self.nodes_y, self.nodes_x, corner)
 
     def inside(self, mask: BoolArray, border_px: float) -> BoolArray:
         """Pixels that see the photograph, this far from its border, and a pixel of the mask."""
+        if self.at_y is not None and self.at_x is not None:
+            return _inside_at(mask, self.at_y, self.at_x, border_px)
         return _inside(mask, self.nodes_y, self.nodes_x, np.array(self.shape), border_px)
 
 
@@ -299,6 +319,63 @@ def _quintic(t: float, weight: Float32Array) -> None:
         weight[last] = np.float32(1 / 120) * rest * fourth
 
 
+@compiled_part()
+def _level_at(
+    coefficients: Float32Array, y: float, x: float, across: Float32Array, down: Float32Array
+) -> float:
+    """Level between pixels; NaN past the photograph. The last two are room for weights."""
+    rows, cols = coefficients.shape
+    # Written so that NaN is outside.
+    if not (y >= 2 and y < rows - 3 and x >= 2 and x < cols - 3):
+        return np.float32(np.nan)
+    j, i = int(y), int(x)
+    _quintic(y - j, down)
+    _quintic(x - i, across)
+    level = np.float32(0.0)
+    for k in range(6):
+        line = coefficients[j + k - 2]
+        level += down[k] * (
+            across[0] * line[i - 2]
+            + across[1] * line[i - 1]
+            + across[2] * line[i]
+            + across[3] * line[i + 1]
+            + across[4] * line[i + 2]
+            + across[5] * line[i + 3]
+        )
+    return level
+
+
+@compiled(nogil=True)
+def _seen_at(coefficients: Float32Array, at_y: Float32Array, at_x: Float32Array) -> Float32Array:
+    levels = np.empty(at_y.shape, dtype=np.float32)
+    across, down = np.empty(6, dtype=np.float32), np.empty(6, dtype=np.float32)
+    for row in range(at_y.shape[0]):
+        for col in range(at_y.shape[1]):
+            levels[row, col] = _level_at(
+                coefficients, float(at_y[row, col]), float(at_x[row, col]), across, down
+            )
+    return levels
+
+
+@compiled(nogil=True)
+def _inside_at(
+    mask: BoolArray, at_y: Float32Array, at_x: Float32Array, border_px: float
+) -> BoolArray:
+    found = np.zeros(at_y.shape, dtype=np.bool_)
+    rows, cols = mask.shape
+    for row in range(at_y.shape[0]):
+        for col in range(at_y.shape[1]):
+            y, x = at_y[row, col], at_x[row, col]
+            if (
+                y >= border_px
+                and y <= rows - 1 - border_px
+                and x >= border_px
+                and x <= cols - 1 - border_px
+            ):
+                found[row, col] = mask[int(y + 0.5), int(x + 0.5)]
+    return found
+
+
 @compiled(nogil=True)
 def _seen(
     coefficients: Float32Array, nodes_y: FloatArray, nodes_x: FloatArray, corner: FloatArray
@@ -314,24 +391,7 @@ def _seen(
         _node_row(nodes_x, row, table, line_x)
         for col in range(left, right):
             y, x = _between(line_y, col, table), _between(line_x, col, table)
-            # Written so that NaN is outside.
-            if not (y >= 2 and y < rows - 3 and x >= 2 and x < cols - 3):
-                continue
-            j, i = int(y), int(x)
-            _quintic(y - j, down)
-            _quintic(x - i, across)
-            level = np.float32(0.0)
-            for k in range(6):
-                line = coefficients[j + k - 2]
-                level += down[k] * (
-                    across[0] * line[i - 2]
-                    + across[1] * line[i - 1]
-                    + across[2] * line[i]
-                    + across[3] * line[i + 1]
-                    + across[4] * line[i + 2]
-                    + across[5] * line[i + 3]
-                )
-            levels[row - top, col - left] = level
+            levels[row - top, col - left] = _level_at(coefficients, y, x, across, down)
     return levels
 
 
