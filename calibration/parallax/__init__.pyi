@@ -1,2 +1,6 @@
-from ._epipolar import EpipolarGeometry as EpipolarGeometry, epipolar_geometry as epipolar_geometry
+from ._epipolar import (
+    EpipolarGeometry as EpipolarGeometry,
+    epipolar_geometry as epipolar_geometry,
+    find_geometry as find_geometry,
+)
 from ._parallax import Parallax as Parallax, find_parallax as find_parallax

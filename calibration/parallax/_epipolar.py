@@ -13,8 +13,8 @@ from typing import Self
 import cv2
 import numpy as np
 
-from calibration.registration import DistortedPose, FeatureMatches
-from simulation.arrays import BoolArray, FloatArray
+from calibration.registration import DistortedPose, FeatureMatches, ImageFeatures, features_of
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.pose import ideal_points, lens_of
 
 _NEAR_PX = 1.0
@@ -24,8 +24,15 @@ _DISPLACED_PX = 1.5
 """Parallax from which a match tells of depth: planes align details to .3 to .9 px."""
 
 _LEAST_MATCHES = 20
-_LEAST_SHARE = 0.4
-"""Of all matches, those that must agree with a geometry."""
+_LEAST_SHARE = 0.2
+"""Of all matches, those that must agree with a geometry: by chance, 1 or 2 of 100 do."""
+
+_RATIO = 0.8
+_REACH = 0.08
+"""How far from where the plane has it a feature is looked for, relative to the longer side."""
+
+_GUIDED_PX = 2.5
+"""And how far from its line, once that is known."""
 
 _CELLS = 8
 _LEAST_CELLS = 0.15
@@ -102,11 +109,57 @@ def _source_lens(pose: DistortedPose) -> FloatArray:
     return np.array([lens[0], lens[3], lens[4], lens[1], lens[2]])
 
 
-def in_plane(pose: DistortedPose, matches: FeatureMatches) -> tuple[FloatArray, FloatArray]:
+def _in_plane(pose: DistortedPose, matches: FeatureMatches) -> tuple[FloatArray, FloatArray]:
     """Matches in ideal pixels of the target, of which the source's were brought by the plane."""
     own = ideal_points(_target_lens(pose), matches.followup_px.astype(np.float64))
     other = ideal_points(_source_lens(pose), matches.reference_px.astype(np.float64))
     return own, _mapped(np.linalg.inv(pose.matrix), other)
+
+
+def find_geometry(
+    source: AnyArray, target: AnyArray, pose: DistortedPose
+) -> EpipolarGeometry | None:
+    """Epipolar geometry by features; None where they do not tell of depth.
+
+    ``source, target``: grey, shape ``(rows, cols)``. ``pose``: of the target in the source.
+    """
+    for is_closer_look in (False, True):
+        own, other = (
+            features_of(np.asarray(image, dtype=np.float32), is_closer_look=is_closer_look)
+            for image in (target, source)
+        )
+        expected = pose.nearest_homography()
+        geometry = epipolar_geometry(_matches(own, other, expected, _RATIO), pose)
+        if geometry is None:
+            continue
+        # Along the lines a feature has fewer rivals.
+        guided = epipolar_geometry(_matches(own, other, expected, _RATIO, geometry), pose)
+        if guided is None or np.count_nonzero(guided.near) < np.count_nonzero(geometry.near):
+            return geometry
+        return guided
+    return None
+
+
+def _matches(
+    own: ImageFeatures,
+    other: ImageFeatures,
+    expected: FloatArray,
+    ratio: float,
+    geometry: EpipolarGeometry | None = None,
+) -> FeatureMatches:
+    """Features that match near where a plane has them, and near their epipolar lines."""
+    at = _mapped(expected, own.points_px)
+    away = at[:, None].astype(np.float32) - other.points_px.astype(np.float32)
+    near = np.hypot(away[..., 0], away[..., 1]) < _REACH * max(other.shape)
+    if geometry is not None:
+        here, there = _in_plane(geometry.pose, FeatureMatches(own.points_px, own.points_px))
+        there = _in_plane(geometry.pose, FeatureMatches(other.points_px, other.points_px))[1]
+        to_x, to_y = (one.astype(np.float32) for one in _towards(geometry.epipole, here))
+        apart = there.astype(np.float32) - here[:, None].astype(np.float32)
+        aside = apart[..., 0] * to_y[:, None] - apart[..., 1] * to_x[:, None]
+        near &= np.abs(aside) < _GUIDED_PX
+    pairs = other.pairs_with(own, ratio, near.astype(np.uint8))
+    return FeatureMatches(own.points_px[pairs[:, 0]], other.points_px[pairs[:, 1]])
 
 
 def _mapped(matrix: FloatArray, points: FloatArray) -> FloatArray:
@@ -134,7 +187,7 @@ def epipolar_geometry(matches: FeatureMatches, pose: DistortedPose) -> EpipolarG
 
 def _beside_plane(plane: DistortedPose, matches: FeatureMatches) -> EpipolarGeometry | None:
     """The geometry with one lens."""
-    own, other = in_plane(plane, matches)
+    own, other = _in_plane(plane, matches)
     found = None
     count = 0
     for fundamental in _hypotheses(own, other):

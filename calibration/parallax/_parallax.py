@@ -6,9 +6,8 @@ from math import ceil, sqrt
 import cv2
 import numpy as np
 
-from calibration.errors import RegistrationError
 from calibration.parallax._correction import corrected_geometry
-from calibration.parallax._epipolar import EpipolarGeometry, epipolar_geometry
+from calibration.parallax._epipolar import EpipolarGeometry, find_geometry
 from calibration.parallax._matching import AlignedViews, MatchedViews, match_views
 from calibration.parallax._occlusion import (
     filled_surface,
@@ -18,7 +17,7 @@ from calibration.parallax._occlusion import (
     matched_both_ways,
 )
 from calibration.parallax._refinement import in_own_light, refined_parallax, shifted_along
-from calibration.registration import DistortedPose, PixelParallax, match_features
+from calibration.registration import DistortedPose, PixelParallax
 from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array
 from simulation.by_value import ByValue
@@ -89,11 +88,7 @@ def find_parallax(
     if pose.zoom < 1:
         found = find_parallax(followup, reference, pose.inverse())
         return None if found is None else replace(found, pose=found.pose.inverse())
-    try:
-        matches = match_features(reference, followup)
-    except RegistrationError:
-        return None
-    geometry = epipolar_geometry(matches, pose)
+    geometry = find_geometry(reference, followup, pose)
     if geometry is None:
         return None
     source, target = (np.asarray(image, dtype=np.float32) for image in (reference, followup))
@@ -208,7 +203,10 @@ def _rough(
     shape = views.target.shape
     is_matched = matched_both_ways(matched.target, matched.source, small)
     agrees = _enlarged(is_matched.astype(np.float32), factor, shape) > 0.5
-    return _enlarged(matched.target, factor, shape) * factor, agrees & views.is_target
+    rough = _enlarged(matched.target, factor, shape) * factor
+    is_source = views.is_source.astype(np.float32)
+    agrees &= shifted_along(is_source, views, rough, cv2.INTER_NEAREST) > 0
+    return rough, agrees & views.is_target
 
 
 def _enlarged(image: Float32Array, factor: int, shape: tuple[int, ...]) -> Float32Array:

@@ -14,6 +14,7 @@ from ._document import Homography as Homography
 from ._features import (
     ImageFeatures as ImageFeatures,
     RegistrationHints as RegistrationHints,
+    features_of as features_of,
     find_features as find_features,
     homography_pose as homography_pose,
     leaving_out as leaving_out,
