@@ -159,16 +159,20 @@ def filled_surface(
 def hidden_in_other(
     own: Float32Array, other: Float32Array, is_other_sure: BoolArray, views: AlignedViews
 ) -> BoolArray:
-    """Pixels at whose place the other view has another surface."""
+    """Pixels at whose place the other view has another surface, as far as that is known."""
     there = shifted_along(other, views, own, cv2.INTER_NEAREST)
     sure = shifted_along(is_other_sure.astype(np.float32), views, own, cv2.INTER_NEAREST)
     return np.asarray((sure > 0) & (np.abs(there - own) > _TWO_WAY_PX))
 
 
-def guarded(compared: BoolArray) -> BoolArray:
-    """Pixels further from what is not compared than a guard band."""
-    size = 2 * _GUARD_PX + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    return cv2.erode(
-        compared.astype(np.uint8), disc, borderType=cv2.BORDER_CONSTANT, borderValue=(1,) * 4
-    ).astype(np.bool_)
+def guarded(is_seen: BoolArray, parallax_px: Float32Array) -> BoolArray:
+    """Pixels further than a guard band from what is not seen in both, and from a jump.
+
+    Lenses mix what is at both sides of it, and each photograph has them at another distance.
+    """
+    around = np.ones((3, 3), dtype=np.uint8)
+    most = cv2.dilate(np.where(is_seen, parallax_px, np.float32(-1e9)), around)
+    least = cv2.erode(np.where(is_seen, parallax_px, np.float32(1e9)), around)
+    left_out = ~is_seen | (most - least > _TWO_WAY_PX)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _GUARD_PX + 1, 2 * _GUARD_PX + 1))
+    return ~cv2.dilate(left_out.astype(np.uint8), disc).astype(np.bool_)

@@ -70,10 +70,11 @@ class Parallax(ByValue):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Surface:
-    """Parallax of one view's pixels, its error, and where it is matched and that of a surface."""
+    """Parallax of one view's pixels, its error, where it was matched, and where it is that of a surface."""
 
     parallax_px: Float32Array
     error_px: Float32Array
+    is_known: BoolArray
     is_sure: BoolArray
 
 
@@ -112,23 +113,20 @@ def find_parallax(
         geometry = corrected_geometry(geometry, lit, parallax, agrees)
         lit = _in_own_light(_aligned(target, source, geometry))
     own, other = _surfaces(lit, small, matched, factor)
-    hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_sure, lit)
-    back = _reversed(lit)
-    hidden_back = hidden_in_other(other.parallax_px, own.parallax_px, own.is_sure, back)
+    is_seen, is_seen_back = _seen_in(own, other, lit), _seen_in(other, own, _reversed(lit))
     depth = PixelParallax(
         displaced_px=np.stack([own.parallax_px * lit.to_y, own.parallax_px * lit.to_x]),
         restored_px=np.stack([-other.parallax_px * lit.to_y, -other.parallax_px * lit.to_x]),
-        is_seen=guarded(own.is_sure & ~hidden),
-        is_seen_back=guarded(other.is_sure & ~hidden_back),
+        is_seen=guarded(is_seen, own.parallax_px),
+        is_seen_back=guarded(is_seen_back, other.parallax_px),
         photograph="followup",
     )
-    known = own.is_sure & ~hidden
     unknown = np.float32(np.nan)
     x, y, w = geometry.epipole.tolist()
     return Parallax(
         pose=replace(geometry.pose, parallax=depth),
-        parallax_px=np.where(known, own.parallax_px, unknown),
-        parallax_err_px=np.where(known & np.isfinite(own.error_px), own.error_px, unknown),
+        parallax_px=np.where(is_seen, own.parallax_px, unknown),
+        parallax_err_px=np.where(is_seen & np.isfinite(own.error_px), own.error_px, unknown),
         epipole_px=(x, y, w),
         matches=len(geometry.near),
         agreeing=int(np.count_nonzero(geometry.near)),
@@ -192,8 +190,22 @@ def _surfaces(
         parallax, error, left = refined_parallax(whole, rough, agrees)
         known = known_surface(parallax, agrees, left)
         filled, is_sure = filled_surface(parallax, known, agrees, whole.to_x, whole.to_y)
-        found.append(_Surface(parallax_px=filled, error_px=error, is_sure=is_sure & whole.is_target))
+        found.append(
+            _Surface(
+                parallax_px=filled,
+                error_px=error,
+                is_known=known,
+                is_sure=is_sure & whole.is_target,
+            )
+        )
     return found[0], found[1]
+
+
+def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:
+    """Pixels of a surface that nothing hides in the other view."""
+    hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_sure, views)
+    # What was matched there and back is there.
+    return own.is_sure & (own.is_known | ~hidden)
 
 
 def _rough(

@@ -4,6 +4,7 @@ B. Lucas, T. Kanade, "An iterative image registration technique with an applicat
 vision", IJCAI 1981, with one freedom a pixel. Neighbours on one surface share what they know.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Self
 
@@ -26,8 +27,11 @@ _SMOOTHING_PX = 0.7
 _WINDOW_PX, _WINDOW_SIGMA_PX = 7, 3.0
 """Reach and width of the neighbours that say with a pixel where its surface lies."""
 
-_JUMP_PX = 0.8
-"""Step of the parallax between two neighbours from which on they are not on one surface."""
+_NARROW_PX = 5
+"""Reach where there may be several surfaces."""
+
+_SEVERAL_PX = 1.5
+"""Range of the parallax in such a window, from which on there may be several surfaces."""
 
 _SAME_SURFACE_PX, _SAME_SLOPE = 0.6, 0.12
 """Beside a jump, neighbours of one surface differ by so much, and so much a pixel of distance."""
@@ -187,24 +191,20 @@ def _surface_fit(
     level = p * moment(said, 0, 0) + q * moment(said, 1, 0) + r * moment(said, 0, 1)
     fitted = np.where(a > 0, level / whole, parallax)
     error = np.where(a > 0, np.sqrt(np.maximum(p, 0) / whole), np.float32(np.inf))
-    beside = _beside_jumps(parallax, counts)
-    _fit_beside_jumps(parallax, information, said, beside, fitted, error)
+    images = (parallax, information, said, _beside_jumps(parallax, counts), fitted, error)
+    cut = parallax.shape[0] // 2
+    with ThreadPoolExecutor(2) as halves:
+        for part in ((0, cut), (cut, parallax.shape[0])):
+            halves.submit(_fit_beside_jumps, *images, *part)
     return fitted, error
 
 
 def _beside_jumps(parallax: Float32Array, counts: BoolArray) -> BoolArray:
-    """Pixels in whose window the parallax jumps, or is not known."""
-    jumps = ~counts
-    for axis in (0, 1):
-        step = np.abs(np.diff(parallax, axis=axis)) > _JUMP_PX
-        own, other = (
-            tuple(np.s_[:] if k != axis else part for k in (0, 1)) for part in (np.s_[1:], np.s_[:-1])
-        )
-        jumps[own] |= step
-        jumps[other] |= step
-    size = 2 * _WINDOW_PX + 1
-    grown = cv2.dilate(jumps.astype(np.uint8), np.ones((size, size), dtype=np.uint8))
-    return np.asarray(grown.astype(np.bool_) & counts)
+    """Pixels in whose window there is more than one surface."""
+    window = np.ones((2 * _WINDOW_PX + 1, 2 * _WINDOW_PX + 1), dtype=np.uint8)
+    most = cv2.dilate(np.where(counts, parallax, np.float32(-1e9)), window)
+    least = cv2.erode(np.where(counts, parallax, np.float32(1e9)), window)
+    return np.asarray((most - least > _SEVERAL_PX) & counts)
 
 
 @compiled(nogil=True)
@@ -215,31 +215,38 @@ def _fit_beside_jumps(
     beside: BoolArray,
     fitted: Float32Array,
     error: Float32Array,
+    first: int,
+    last: int,
 ) -> None:
     """The same with the neighbours alone that are on the pixel's surface, in place."""
     rows, cols = parallax.shape
-    reach = _WINDOW_PX
-    ridge = _SLOPE_SD**-2
-    for row in range(rows):
+    reach = _NARROW_PX
+    ridge = np.float32(_SLOPE_SD**-2)
+    weights = np.empty((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
+    most = np.empty((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
+    for j in range(2 * reach + 1):
+        for i in range(2 * reach + 1):
+            square = (j - reach) ** 2 + (i - reach) ** 2
+            weights[j, i] = np.exp(-square / (2 * _WINDOW_SIGMA_PX**2))
+            most[j, i] = _SAME_SURFACE_PX + _SAME_SLOPE * np.sqrt(square)
+    zero = np.float32(0)
+    for row in range(first, last):
         for col in range(cols):
             if not beside[row, col]:
                 continue
             middle = parallax[row, col]
-            a, b, c, d, e, f = 0.0, 0.0, 0.0, ridge, 0.0, ridge
-            u, v, w = 0.0, 0.0, 0.0
+            a, b, c, d, e, f = zero, zero, zero, ridge, zero, ridge
+            u, v, w = zero, zero, zero
             for j in range(max(row - reach, 0), min(row + reach + 1, rows)):
+                y = np.float32(j - row)
                 for i in range(max(col - reach, 0), min(col + reach + 1, cols)):
+                    at = (j - row + reach, i - col + reach)
                     known = information[j, i]
-                    if known <= 0:
+                    if known <= 0 or abs(parallax[j, i] - middle) > most[at]:
                         continue
-                    y, x = float(j - row), float(i - col)
-                    square = x * x + y * y
-                    apart = abs(parallax[j, i] - middle)
-                    if apart > _SAME_SURFACE_PX + _SAME_SLOPE * np.sqrt(square):
-                        continue
-                    weight = np.exp(-square / (2 * _WINDOW_SIGMA_PX**2))
-                    level = weight * said[j, i]
-                    weight *= known
+                    x = np.float32(i - col)
+                    level = weights[at] * said[j, i]
+                    weight = weights[at] * known
                     a += weight
                     b += weight * x
                     c += weight * y
