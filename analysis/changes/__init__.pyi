@@ -2,7 +2,9 @@ from ._colour import PairColours as PairColours
 from ._document import (
     Change as Change,
     ChangeSummary as ChangeSummary,
+    SceneParallax as SceneParallax,
     change_table as change_table,
+    describe_depth as describe_depth,
     describe_focus as describe_focus,
     describe_least as describe_least,
     describe_limit as describe_limit,

@@ -3,14 +3,17 @@
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 
 from analysis.changes._comparison import Comparison, compare
+from analysis.changes._document import SceneParallax
 from analysis.changes._photograph_pair import ChangeOptions
 from calibration.parallax import Parallax, find_parallax
 from calibration.registration import DistortedPose
 from simulation import Psf, PsfField
-from simulation.arrays import AnyArray
+from simulation.arrays import AnyArray, BoolArray, Float32Array
+from simulation.by_value import ByValue
 
 _BEYOND_SD: Final = 5.0
 _LEAST_SHARE: Final = 0.005
@@ -29,6 +32,64 @@ class DepthComparison:
     compared: Comparison
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ParallaxMap(ByValue):
+    """Parallax on the follow-up's pixels, shape ``(rows, cols)`` each.
+
+    ``parallax_px, error_px``: in follow-up pixels, towards the epipole, and its standard error; NaN
+    where it is not known, the error also where it was interpolated. ``is_hidden``: pixels within
+    both frames that only one photograph shows, or whose depth is not known.
+    """
+
+    parallax_px: Float32Array
+    error_px: Float32Array
+    is_hidden: BoolArray
+
+
+def followup_parallax(found: Parallax) -> ParallaxMap:
+    """Bring a parallax to the follow-up's pixels."""
+    pose = found.pose
+    depth, seen = pose.parallax, pose.followup_seen()
+    assert depth is not None, "a pose with parallax"
+    assert seen is not None, "a pose with parallax"
+    parallax, error = found.parallax_px, found.parallax_err_px
+    y, x = (at.astype(np.float32) for at in pose.followup_places_px())
+    if depth.photograph == "reference":
+        # Of a reference's pixel, the follow-up's is 1 / zoom as large.
+        parallax, error = (
+            cv2.remap(one, x, y, cv2.INTER_NEAREST, borderValue=(np.nan,) * 4)
+            / np.float32(pose.zoom)
+            for one in (parallax, error)
+        )
+    rows, cols = pose.reference_shape
+    inside = (y >= 0) & (y <= rows - 1) & (x >= 0) & (x <= cols - 1)
+    unknown = np.float32(np.nan)
+    return ParallaxMap(
+        parallax_px=np.where(seen, parallax, unknown),
+        error_px=np.where(seen, error, unknown),
+        is_hidden=inside & ~seen,
+    )
+
+
+def scene_parallax(found: Parallax, seen: ParallaxMap | None) -> SceneParallax | None:
+    """Figures of a parallax; None where nothing of it is known."""
+    if seen is None or not np.isfinite(seen.parallax_px).any():
+        return None
+    low, median, high = np.nanpercentile(seen.parallax_px, [1, 50, 99]).tolist()
+    known = seen.error_px[np.isfinite(seen.error_px)]
+    return SceneParallax(
+        low_px=low,
+        median_px=median,
+        high_px=high,
+        err_px=float(np.median(known)) if known.size else 0.0,
+        epipole=found.epipole_px,
+        features=found.matches,
+        agreeing=found.agreeing,
+        hidden_px=int(np.count_nonzero(seen.is_hidden)),
+        held_out_gain=found.held_out_gain,
+    )
+
+
 def with_depth(
     photographs: tuple[AnyArray, AnyArray],
     psf: Psf | PsfField | None,
@@ -40,7 +101,7 @@ def with_depth(
 
     ``photographs``: reference and follow-up, grey. ``pose, compared``: of the plane.
     """
-    if options.is_flat or not _leaves_much(compared):
+    if options.flat or not _leaves_much(compared):
         return None
     reference, followup = photographs
     parallax = find_parallax(reference, followup, pose)
@@ -54,9 +115,7 @@ def with_depth(
 
 def _leaves_much(compared: Comparison) -> bool:
     beyond = np.abs(compared.significance[compared.valid]) > _BEYOND_SD
-    return bool(
-        compared.registration_err_px > _LEAST_ERR_PX or np.mean(beyond) > _LEAST_SHARE
-    )
+    return bool(compared.registration_err_px > _LEAST_ERR_PX or np.mean(beyond) > _LEAST_SHARE)
 
 
 def _explains_more(again: Comparison, compared: Comparison) -> bool:

@@ -97,6 +97,40 @@ class Change(StoredValues):
     parts: tuple["Change", ...] = ()
 
 
+class SceneParallax(StoredValues):
+    """Depth of a scene, as the comparison followed it: parallax beside the plane of the pose.
+
+    Parameters
+    ----------
+    low_px, median_px, high_px
+        Parallax in follow-up pixels that 1, 50 and 99 % of the pixels do not exceed, towards the
+        epipole.
+    err_px
+        Median of its standard error where it was measured.
+    epipole
+        Where the reference's camera stood as the follow-up sees it, homogeneous ``(x, y, w)`` of
+        length 1: at ``x / w``, ``y / w`` in px.
+    features, agreeing
+        Features that match, and those within a pixel of their epipolar lines.
+    hidden_px
+        Follow-up pixels within both frames that are hidden in one of the photographs, lie at a
+        step, or have no known depth: they were not compared.
+    held_out_gain
+        Share of what a plane leaves unexplained that parallax explains, in blocks that were not
+        looked at when it was measured.
+    """
+
+    low_px: float
+    median_px: float
+    high_px: float
+    err_px: float
+    epipole: tuple[float, float, float]
+    features: int
+    agreeing: int
+    hidden_px: int
+    held_out_gain: float
+
+
 class ChangeSummary(ResultsDocument):
     """Figures of a comparison of two photographs.
 
@@ -146,6 +180,8 @@ class ChangeSummary(ResultsDocument):
         The least amplitudes that would have been found; None in older files.
     frame_px
         Number of pixels of the follow-up.
+    parallax
+        Parallax of a scene with depth; None where a plane explains the pair.
     warnings
         Sentences on what makes the changes doubtful.
     """
@@ -180,6 +216,7 @@ class ChangeSummary(ResultsDocument):
     kernel: KernelOrigin | None = None
     detection_limit: DetectionLimit | None = None
     frame_px: int | None = None
+    parallax: SceneParallax | None = None
     warnings: tuple[str, ...] = ()
 
     def to_dataframe(self) -> "DataFrame":
@@ -315,6 +352,24 @@ def describe_moved(found: ChangeSummary) -> str | None:
     return (
         f"{what} listed separately: what was there before is elsewhere now, {how_far} "
         f"{furthest:.1f} px ({found.moved_px} pixels)"
+    )
+
+
+def describe_depth(found: ChangeSummary) -> str | None:
+    """Say how deep the scene is, and what that hides; None where a plane explains the pair."""
+    depth = found.parallax
+    if depth is None:
+        return None
+    hidden = ""
+    if found.frame_px:
+        share = percent_text(depth.hidden_px / found.frame_px)
+        hidden = (
+            f"; {share} of the follow-up is hidden in one of the two, beside a step or of unknown "
+            "depth"
+        )
+    return (
+        f"the scene has depth: parallax of {depth.low_px:+.1f} to {depth.high_px:+.1f} px beside a "
+        f"plane explains {depth.held_out_gain:.0%} of what the plane leaves{hidden}"
     )
 
 

@@ -9,7 +9,12 @@ import numpy as np
 
 from analysis.changes._change_list import large_enough, list_changes
 from analysis.changes._comparison import Comparison, compare
-from analysis.changes._depth import with_depth
+from analysis.changes._depth import (
+    ParallaxMap,
+    followup_parallax,
+    scene_parallax,
+    with_depth,
+)
 from analysis.changes._document import Change, ChangeSummary
 from analysis.changes._levels import LimitMaps, detection_levels, detection_limit
 from analysis.changes._photograph_pair import (
@@ -273,6 +278,8 @@ class ChangeResult(ByValue):
         Changed, compared and clipped pixels.
     filter_widths
         Filter widths with which changes were looked for, in pixels of the coarser photograph.
+    parallax
+        Parallax of each pixel of a scene with depth; None where a plane explains the pair.
     """
 
     summary: ChangeSummary
@@ -289,6 +296,7 @@ class ChangeResult(ByValue):
     pose: DistortedPose
     masks: ChangeMasks
     filter_widths: tuple[FilterWidth, ...]
+    parallax: ParallaxMap | None = None
 
     def __repr__(self) -> str:
         found = self.summary
@@ -334,6 +342,7 @@ def changes_between(
         found = with_depth(aligned.given.photographs, psf, pose, options, compared)
         if found is not None:
             pose, depth, compared = found.parallax.pose, found, found.compared
+    seen = None if depth is None else followup_parallax(depth.parallax)
     grid = _FollowupGrid.of(compared, pose)
     detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
@@ -349,6 +358,7 @@ def changes_between(
         update={
             "distortion_k1_err": aligned.k1_err,
             "is_noise_known": known,
+            "parallax": None if depth is None else scene_parallax(depth.parallax, seen),
             "psf_form": None if psf is None else psf.form,
             "moved_px": int(np.count_nonzero(is_moved)),
             "warnings": (
@@ -373,6 +383,7 @@ def changes_between(
         pose=pose,
         masks=masks,
         filter_widths=detected.widths,
+        parallax=seen,
     )
 
 

@@ -47,13 +47,15 @@ class ChangeCriteria:
     ``false_discovery_rate``: share of false ones among the changes listed, which then decides
     instead; None for the rate of false alarms. ``least_dn``: amplitude below which what is
     significant is counted and not listed; None for the step of the files, at each place.
-    ``count_moved``: whether what a shift explains is listed among the changes.
+    ``count_moved``: whether what a shift explains is listed among the changes. ``flat``: whether a
+    plane is all that is looked for, and no parallax of a scene with depth.
     """
 
     false_alarms: float = FALSE_ALARMS
     false_discovery_rate: float | None = None
     least_dn: float | None = None
     count_moved: bool = False
+    flat: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,8 +79,7 @@ class ChangeOptions(ChangeCriteria):
     would be in files that are coded alike, for photographs whose pixels lie upon each other.
     ``colours``: of photographs in colour; without them the levels are compared alone.
     ``limit_rgb``: direction in linear levels of red, green and blue of the changes that the limit
-    is for, the largest of them 1; of photographs in colour. ``is_flat``: whether a plane is all that
-    is looked for, and no parallax of scenes with depth.
+    is for, the largest of them 1; of photographs in colour.
     """
 
     pose: DistortedPose | None = None
@@ -96,7 +97,6 @@ class ChangeOptions(ChangeCriteria):
     coded_alike: Callable[[], CodedAlike] | None = None
     colours: PairColours | None = None
     limit_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    is_flat: bool = False
 
 
 _LEAST_CLIPPED_SHARE: Final = 1e-4
@@ -216,8 +216,8 @@ _CLIPPED_BY_CHANCE_SD = np.float32(4.0)
 """How far below its end a level of a bracket may have been clipped by the noise of one exposure."""
 
 _HIDDEN_SD = 1.0
-"""Reach of a pixel that is hidden in one photograph, in widths of the smoothing: both show about the
-same there, as what is in front has its own outline in both."""
+"""Reach of a pixel that is hidden in one photograph, in widths of the smoothing: both show about
+the same there, as what is in front has its own outline in both."""
 
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""

@@ -8,6 +8,7 @@ from ._bench import (
 from ._change_pictures import (
     ColourPair as ColourPair,
     compared_pictures as compared_pictures,
+    depth_figure as depth_figure,
     limit_figure as limit_figure,
     view_figures as view_figures,
 )

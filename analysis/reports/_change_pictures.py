@@ -284,6 +284,35 @@ def limit_figure(found: ChangeResult) -> ReportFigure | None:
     return ReportFigure.of(figure, caption, form="png")
 
 
+def depth_figure(found: ChangeResult) -> ReportFigure | None:
+    """Draw the parallax over the follow-up; None where a plane explains the pair."""
+    if found.parallax is None or found.summary.parallax is None:
+        return None
+    parallax = found.parallax.parallax_px
+    rows, cols = parallax.shape
+    step = -(-max(rows, cols) // _DRAWN_PX)
+    width_in = 6.0
+    figure = new_figure(width_in, 0.3 + (width_in - 1.0) * rows / cols)
+    axes = figure.subplots()
+    axes.set_facecolor(_NOT_COMPARED)
+    image = axes.imshow(
+        np.ma.masked_invalid(parallax[::step, ::step]),
+        cmap="cividis",
+        vmin=found.summary.parallax.low_px,
+        vmax=found.summary.parallax.high_px,
+        extent=(-0.5, cols - 0.5, rows - 0.5, -0.5),
+        interpolation="nearest",
+    )
+    axes.set(xticks=[], yticks=[])
+    axes.grid(visible=False)
+    figure.colorbar(image, ax=axes, label="parallax / px", shrink=0.9)
+    caption = (
+        "Displacement beside the plane of the pose, towards the epipole. Grey: not compared, as it "
+        "is beyond the reference, hidden in one of the two, beside a step, or of unknown depth."
+    )
+    return ReportFigure.of(figure, caption, form="png")
+
+
 _BRIGHTER, _DARKER, MOVED = VERMILION.lower(), BLUE.lower(), GREEN.lower()
 
 _PRINTED_WIDTH_IN = 2.38  # three side by side on A4

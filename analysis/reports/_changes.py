@@ -8,6 +8,7 @@ from typing import TypeAlias
 from analysis.changes import (
     Change,
     ChangeSummary,
+    describe_depth,
     describe_focus,
     describe_least,
     describe_limit,
@@ -48,10 +49,12 @@ def changes_report(
     views: Sequence[ReportFigure],
     limit_map: ReportFigure | None = None,
     facts: Sequence[tuple[str, str]] = (),
+    depth_map: ReportFigure | None = None,
 ) -> Report:
     """Return the report of a comparison.
 
-    ``facts``: names and values to add to the front page, such as when the photographs were taken.
+    ``limit_map, depth_map``: what `limit_figure` and `depth_figure` drew. ``facts``: names and
+    values to add to the front page, such as when the photographs were taken.
     """
     limit = summary.detection_limit
     return Report(
@@ -61,6 +64,7 @@ def changes_report(
         sections=present(
             changes_section(summary, views),
             None if limit is None else limit_section(limit, limit_map),
+            None if summary.parallax is None else _depth_section(summary, depth_map),
             _comparison_section(summary),
         ),
         provenance=versions(),
@@ -69,7 +73,10 @@ def changes_report(
             outcome="unsure" if summary.changes else "none",
             label=count_text(len(summary.changes)),
             verdict=" ".join(
-                [f"{_comparison_sentence(summary)}.", *_told(summary, _LIMIT_AND_PREDICTION)]
+                [
+                    f"{_comparison_sentence(summary)}.",
+                    *_told(summary, (*_DEPTH, *_LIMIT_AND_PREDICTION)),
+                ]
             ),
             facts=(
                 *facts,
@@ -84,6 +91,7 @@ def changes_report(
 
 _Describe: TypeAlias = Callable[[ChangeSummary], str | None]
 _LIMIT_AND_PREDICTION: tuple[_Describe, ...] = (describe_limit, describe_prediction)
+_DEPTH: tuple[_Describe, ...] = (describe_depth,)
 
 
 def _told(summary: ChangeSummary, those: Iterable[_Describe]) -> Iterator[str]:
@@ -173,6 +181,27 @@ def limit_section(limit: DetectionLimit, limit_map: ReportFigure | None) -> Repo
             columns,
             "Amplitudes in the follow-up's levels, over the compared pixels.",
         ),
+    )
+
+
+def _depth_section(summary: ChangeSummary, depth_map: ReportFigure | None) -> ReportSection:
+    """Show how far from a plane the scene is."""
+    found = summary.parallax
+    assert found is not None, "a scene with depth"
+    rows = (
+        ("parallax, 1 to 99 % of the pixels", f"{found.low_px:+.2f} to {found.high_px:+.2f} px"),
+        ("its standard error, median", f"{found.err_px:.3f} px"),
+        ("of what a plane leaves in held-out blocks, explained", f"{found.held_out_gain:.0%}"),
+        ("features within a pixel of their lines", f"{found.agreeing} of {found.features}"),
+        ("hidden, at a step or unknown", f"{found.hidden_px} px"),
+    )
+    return ReportSection.of(
+        "Depth of the scene",
+        "Every pixel was compared at its own depth: nearer and farther parts are displaced beside "
+        "the plane along the lines through the epipole, where the other camera stood. What one of "
+        "the two hides is not compared.",
+        depth_map,
+        ReportTable(columns=("", "value"), rows=rows, caption="Lengths in follow-up pixels."),
     )
 
 
@@ -283,7 +312,7 @@ def stored_changes_section(
         f"Changes: {name}",
         f"{summary.followup} against {summary.reference}: {count_text(len(summary.changes))}. "
         f"{_comparison_sentence(summary)}.",
-        *_told(summary, (*_LIMIT_AND_PREDICTION, describe_focus)),
+        *_told(summary, (*_DEPTH, *_LIMIT_AND_PREDICTION, describe_focus)),
         *(f"Warning: {warning}." for warning in summary.warnings),
         cut if len(summary.changes) > _STORED_LISTED else None,
         _list_table(summary.changes[:_STORED_LISTED]) if summary.changes else None,

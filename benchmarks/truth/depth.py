@@ -133,7 +133,9 @@ class DepthScene:
             height = self._hills_at(at[0], at[1])
         surface = np.zeros(x.shape)
         for number, plate in enumerate(sorted(self.plates, key=lambda one: one.height_px), 1):
-            at = [c + s * (centre[2] - plate.height_px) for c, s in zip(centre, slope, strict=False)]
+            at = [
+                c + s * (centre[2] - plate.height_px) for c, s in zip(centre, slope, strict=False)
+            ]
             on = plate.covers(at[0], at[1]) & (plate.height_px > height)
             height, surface = np.where(on, plate.height_px, height), np.where(on, number, surface)
         at = [c + s * (centre[2] - height) for c, s in zip(centre, slope, strict=False)]

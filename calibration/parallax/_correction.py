@@ -51,7 +51,9 @@ def corrected_geometry(
         away = geometry.epipole[0] - geometry.epipole[2] * cols
         down = geometry.epipole[1] - geometry.epipole[2] * rows
         length = np.maximum(np.hypot(away, down), 1e-12)
-        side = right_x * (tangent[0] - tangent[2] * cols) + right_y * (tangent[1] - tangent[2] * rows)
+        side = right_x * (tangent[0] - tangent[2] * cols) + right_y * (
+            tangent[1] - tangent[2] * rows
+        )
         sign = 1.0 if geometry.epipole[2] >= 0 else -1.0
         turned.append(sign * parallax_px[rows, cols] * side / length)
     scales = [max(float(np.sqrt(np.mean(part**2))), 1e-12) for part in turned]

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from calibration.registration import DistortedPose, FeatureMatches, ImageFeatures, features_of
-from simulation.arrays import AnyArray, BoolArray, FloatArray
+from simulation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from simulation.pose import ideal_points, lens_of
 
 _NEAR_PX = 1.0
@@ -113,7 +113,7 @@ def _in_plane(pose: DistortedPose, matches: FeatureMatches) -> tuple[FloatArray,
     """Matches in ideal pixels of the target, of which the source's were brought by the plane."""
     own = ideal_points(_target_lens(pose), matches.followup_px.astype(np.float64))
     other = ideal_points(_source_lens(pose), matches.reference_px.astype(np.float64))
-    return own, _mapped(np.linalg.inv(pose.matrix), other)
+    return own, _mapped(_inverse(pose.matrix), other)
 
 
 def find_geometry(
@@ -162,6 +162,10 @@ def _matches(
     return FeatureMatches(own.points_px[pairs[:, 0]], other.points_px[pairs[:, 1]])
 
 
+def _inverse(matrix: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
 def _mapped(matrix: FloatArray, points: FloatArray) -> FloatArray:
     found = np.column_stack([points, np.ones(len(points))]) @ matrix.T
     return np.asarray(found[:, :2] / found[:, 2:])
@@ -203,7 +207,7 @@ def _beside_plane(plane: DistortedPose, matches: FeatureMatches) -> EpipolarGeom
     if np.count_nonzero(near) < _LEAST_MATCHES:
         return None
     matrix, epipole = _compatible_plane(found, own[near], other[near])
-    away = _mapped(np.linalg.inv(matrix), other) - own
+    away = _mapped(_inverse(matrix), other) - own
     to_x, to_y = _towards(epipole, own)
     parallax = away[:, 0] * to_x + away[:, 1] * to_y
     if not _tells_of_depth(own, near, parallax):
@@ -229,19 +233,30 @@ def _hypotheses(own: FloatArray, other: FloatArray) -> list[FloatArray]:
     Werner, J. Matas, "Two-view geometry estimation unaffected by a dominant plane", CVPR 2005).
     """
     found = []
-    made, _ = cv2.findFundamentalMat(own, other, cv2.USAC_MAGSAC, _NEAR_PX, 0.9999, 5000)
-    if made is not None and made.shape == (3, 3):
-        found.append(np.asarray(made, dtype=np.float64))
-    displaced = np.flatnonzero(_is_displaced(own, other))
+    made = _as_fundamental(
+        cv2.findFundamentalMat(own, other, cv2.USAC_MAGSAC, _NEAR_PX, 0.9999, 5000)[0]
+    )
+    if made is not None:
+        found.append(made)
+    displaced = np.flatnonzero(_is_displaced(own, other)).astype(np.int64)
     if len(displaced) >= 2:
         found.append(_plane_and_two(own, other, displaced))
     return found
 
 
-def _plane_and_two(own: FloatArray, other: FloatArray, displaced: FloatArray) -> FloatArray:
+def _as_fundamental(made: object) -> FloatArray | None:
+    """What OpenCV found; it returns None, or several matrices, where matches do not suffice."""
+    if not isinstance(made, np.ndarray) or made.shape != (3, 3):
+        return None
+    return np.asarray(made, dtype=np.float64)
+
+
+def _plane_and_two(own: FloatArray, other: FloatArray, displaced: IntArray) -> FloatArray:
     """The geometry of the plane and the epipole through which most displaced matches' lines go."""
     rng = np.random.default_rng(_SEED)
-    a, b = (np.column_stack([points[displaced], np.ones(len(displaced))]) for points in (own, other))
+    a, b = (
+        np.column_stack([points[displaced], np.ones(len(displaced))]) for points in (own, other)
+    )
     lines = np.cross(a, b)
     lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1])[:, None], 1e-12)
     pairs = rng.integers(0, len(displaced), (_TRIALS, 2))
@@ -281,13 +296,13 @@ def _locally_best(
     for _ in range(_LOCAL_ROUNDS):
         if np.count_nonzero(near) < 8:
             break
-        refined, _ = cv2.findFundamentalMat(own[near], other[near], cv2.FM_8POINT)
-        if refined is None or refined.shape != (3, 3):
+        refined = _as_fundamental(cv2.findFundamentalMat(own[near], other[near], cv2.FM_8POINT)[0])
+        if refined is None:
             break
         again = _distances(refined, own, other) < _NEAR_PX
         if np.count_nonzero(again) <= np.count_nonzero(near):
             break
-        fundamental, near = np.asarray(refined, dtype=np.float64), again
+        fundamental, near = refined, again
     return fundamental, near
 
 
@@ -305,8 +320,8 @@ def _compatible_plane(
     a, b = (np.column_stack([points, np.ones(len(points))]) for points in (own, other))
     scale = np.median((a @ base.T)[:, :2] @ np.ones(2) / (b[:, :2] @ np.ones(2)))
     base = base / (scale if abs(scale) > 1e-12 else 1.0)
-    weight = np.ones(len(own))
-    plane = np.zeros(3)
+    weight: FloatArray = np.ones(len(own))
+    plane: FloatArray = np.zeros(3)
     size = np.maximum(np.abs(a).max(axis=0), 1.0)
     for _ in range(_ROUNDS):
         # base a + there (v a) is proportional to b: two equations for v.
@@ -316,12 +331,13 @@ def _compatible_plane(
             rows.append((there[k] - b[:, k] * there[2])[:, None] * (a / size))
             levels.append(b[:, k] * start[:, 2] - start[:, k])
         design = np.concatenate(rows) * np.tile(weight, 2)[:, None]
-        plane = np.linalg.lstsq(design, np.concatenate(levels) * np.tile(weight, 2), rcond=None)[0]
-        matrix = base + np.outer(there, plane / size)
+        right = np.concatenate(levels) * np.tile(weight, 2)
+        plane = np.asarray(np.linalg.lstsq(design, right, rcond=None)[0], dtype=np.float64)
+        matrix = np.asarray(base + np.outer(there, plane / size), dtype=np.float64)
         away = np.hypot(*(_mapped(matrix, own) - other).T)
         depth = np.abs((a @ matrix.T)[:, 2])
-        weight = 1 / (np.sqrt(np.maximum(away, 0.1)) * np.maximum(depth, 1e-6))
-    matrix = matrix / matrix[2, 2]
+        weight = np.asarray(1 / (np.sqrt(np.maximum(away, 0.1)) * np.maximum(depth, 1e-6)))
+    matrix = np.asarray(matrix / matrix[2, 2], dtype=np.float64)
     # In the plane's own frame both epipoles are this one.
     epipole = np.linalg.solve(matrix, there)
     return np.asarray(matrix), np.asarray(epipole / np.linalg.norm(epipole))

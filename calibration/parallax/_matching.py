@@ -64,8 +64,8 @@ class AlignedViews:
             source=smaller(self.source),
             is_target=smaller(self.is_target.astype(np.float32)) > 0.999,
             is_source=smaller(self.is_source.astype(np.float32)) > 0.999,
-            to_x=smaller(self.to_x) / length,
-            to_y=smaller(self.to_y) / length,
+            to_x=np.asarray(smaller(self.to_x) / length, dtype=np.float32),
+            to_y=np.asarray(smaller(self.to_y) / length, dtype=np.float32),
         )
 
 
@@ -101,7 +101,14 @@ def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedView
     def of_source() -> Float32Array:
         # From the source's pixels the target lies the other way.
         cost = _costs(
-            source, target, views.is_source, views.is_target, -views.to_x, -views.to_y, least_px, count
+            source,
+            target,
+            views.is_source,
+            views.is_target,
+            -views.to_x,
+            -views.to_y,
+            least_px,
+            count,
         )
         return _least(cost, least_px)
 
@@ -142,14 +149,14 @@ def _codes(padded: Float32Array) -> CensusCodes:
 
 
 @compiled_part()
-def _bits(code: int) -> int:
+def _bits(code: np.uint64) -> np.uint64:
     """Number of bits that are set, by the parallel sums of H. Warren, "Hacker's Delight"."""
-    code = code - ((code >> np.uint64(1)) & np.uint64(0x5555555555555555))
-    code = (code & np.uint64(0x3333333333333333)) + (
-        (code >> np.uint64(2)) & np.uint64(0x3333333333333333)
+    pairs = code - ((code >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    fours = (pairs & np.uint64(0x3333333333333333)) + (
+        (pairs >> np.uint64(2)) & np.uint64(0x3333333333333333)
     )
-    code = (code + (code >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return (code * np.uint64(0x0101010101010101)) >> np.uint64(56)
+    bytes_ = (fours + (fours >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return (bytes_ * np.uint64(0x0101010101010101)) >> np.uint64(56)
 
 
 @compiled(nogil=True)

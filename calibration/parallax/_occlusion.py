@@ -30,9 +30,7 @@ _FARTHEST_PX: Final = 80
 _GUARD_PX: Final = 2
 
 
-def matched_both_ways(
-    own: Float32Array, other: Float32Array, views: AlignedViews
-) -> BoolArray:
+def matched_both_ways(own: Float32Array, other: Float32Array, views: AlignedViews) -> BoolArray:
     """Pixels whose parallax is that of the place which they find in the other view."""
     rows, cols = own.shape
     y, x = np.mgrid[0:rows, 0:cols].astype(np.float32)
@@ -95,9 +93,7 @@ def _patches(
 
 
 @compiled_part()
-def _side(
-    known: BoolArray, row: int, col: int, to_y: float, to_x: float
-) -> tuple[int, int, int]:
+def _side(known: BoolArray, row: int, col: int, to_y: float, to_x: float) -> tuple[int, int, int]:
     """First known pixel from a place on, and how far it is; -1 if there is none near enough."""
     rows, cols = known.shape
     for step in range(1, _FARTHEST_PX + 1):

@@ -78,9 +78,7 @@ class _Surface:
     is_sure: BoolArray
 
 
-def find_parallax(
-    reference: AnyArray, followup: AnyArray, pose: DistortedPose
-) -> Parallax | None:
+def find_parallax(reference: AnyArray, followup: AnyArray, pose: DistortedPose) -> Parallax | None:
     """Parallax of the coarser photograph's pixels; None where the photographs tell of none.
 
     ``reference, followup``: grey, shape ``(rows, cols)``. ``pose``: of a plane that explains most
@@ -134,7 +132,9 @@ def find_parallax(
     )
 
 
-def _aligned(target: Float32Array, source: Float32Array, geometry: EpipolarGeometry) -> AlignedViews:
+def _aligned(
+    target: Float32Array, source: Float32Array, geometry: EpipolarGeometry
+) -> AlignedViews:
     """Bring the source to the target's pixels by the plane, at the target's sampling."""
     pose = geometry.pose
     softer_px = 0.5 * sqrt(max(pose.zoom**2 - 1, 0.0))
@@ -230,9 +230,7 @@ def _enlarged(image: Float32Array, factor: int, shape: tuple[int, ...]) -> Float
     return np.asarray(np.pad(large, ((0, rows), (0, cols)), mode="edge"), dtype=np.float32)
 
 
-def _held_out_gain(
-    views: AlignedViews, matched: MatchedViews, factor: int
-) -> tuple[float, float]:
+def _held_out_gain(views: AlignedViews, matched: MatchedViews, factor: int) -> tuple[float, float]:
     """Share by which parallax explains more of held-out blocks than the plane, in errors too."""
     shape = views.target.shape
     parallax = _enlarged(matched.held_out, factor, shape) * factor

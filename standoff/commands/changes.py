@@ -79,6 +79,7 @@ def changes(
     false_discovery_rate: Annotated[float | None, Option(min=1e-6, max=0.5, metavar="R")] = None,
     limit: _Limit,
     count_moved: Annotated[bool, Option("--count-moved")] = False,
+    flat: Annotated[bool, Option("--flat")] = False,
     least: Annotated[float | None, Option(min=0.0, metavar="DN", show_default=False)] = None,
     report: Annotated[Path | None, Option(metavar="R.html"), terminal.REPORT] = None,
     parquet: terminal.AsParquet = False,
@@ -101,6 +102,7 @@ def changes(
     false_alarms: Expected number of pixels per frame that are flagged by chance.
     false_discovery_rate: Share of false ones among the listed changes, instead of --false-alarms.
     count_moved: List what a shift of a few pixels explains among the changes, not separately.
+    flat: Take the scene as a plane; by default the parallax of a scene with depth is followed.
     least: Amplitude below which significant differences are counted but not listed; by default the
         step of the files' levels.
     report: Also write the report here (HTML or PDF); report.html is always in the folder.
@@ -131,6 +133,7 @@ def changes(
 
 def _show_one(out: Path, summary: ChangeSummary) -> None:
     from analysis.changes import (
+        describe_depth,
         describe_focus,
         describe_least,
         describe_limit,
@@ -143,7 +146,7 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
         f"{summary.changed_px} of {summary.compared_px} pixels changed by more than "
         f"{summary.threshold_sd:.2f} standard deviations (zoom {summary.zoom:.3f}); wrote {out}"
     )
-    describe = describe_moved, describe_least, describe_limit, describe_prediction
+    describe = describe_depth, describe_moved, describe_least, describe_limit, describe_prediction
     terminal.say(*filter(None, (sentence_of(summary) for sentence_of in describe)))
     focus = describe_focus(summary)
     if focus is not None and summary.kernel != "both":  # of which a warning tells

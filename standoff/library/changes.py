@@ -31,6 +31,7 @@ from analysis.reports import (
     ColourPair,
     changes_report,
     compared_pictures,
+    depth_figure,
     limit_figure,
     plot_changes,
     view_figures,
@@ -79,6 +80,8 @@ CHANGE_FILES = (
     "uncertainty.tif",
     "significance.tif",
     "limit.tif",
+    "parallax.tif",
+    "parallax-error.tif",
     "changes.png",
     "compared.png",
     "changes-figure.png",
@@ -87,6 +90,9 @@ CHANGE_FILES = (
     "changes.json",
 )
 """Files that a comparison writes; the last one last."""
+
+DEPTH_FILES = ("parallax.tif", "parallax-error.tif")
+"""Those of them that only scenes with depth have."""
 
 _DRAWING = Lock()
 """Matplotlib's style is one for all threads, of which a Dask worker may have several."""
@@ -155,6 +161,7 @@ class ComparedPhotographs(ChangeResult):
                 (f"{when}, taken", photograph.facts.taken or "not stated")
                 for when, photograph in (("before", self.reference), ("after", self.followup))
             ),
+            depth_figure(self),
         ).html()
 
     def write_report(self, path: FilePath) -> None:
@@ -178,6 +185,10 @@ class ComparedPhotographs(ChangeResult):
         out = make_folder(path_of(folder, "folder"))
         with written_together(out / "changes.json") as part:
             write_changes(part, self)
+            if self.parallax is None:
+                # Those of an earlier result.
+                for name in DEPTH_FILES:
+                    (out / name).unlink(missing_ok=True)
 
 
 class ComparisonKeywords(TypedDict, total=False):
@@ -191,6 +202,7 @@ class ComparisonKeywords(TypedDict, total=False):
     white_level: float | None
     limit: DetectionLimitOptions | None
     count_moved: bool
+    flat: bool
     least: float | None
     reading: ReadOptions | None
     progress: Progress | None
@@ -210,6 +222,7 @@ def find_changes(
     white_level: float | None = None,
     limit: DetectionLimitOptions | None = None,
     count_moved: bool = False,
+    flat: bool = False,
     least: float | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
@@ -243,6 +256,9 @@ def find_changes(
     count_moved
         Whether what a shift of a few pixels explains is listed among the changes; by default it
         is listed apart, in ``summary.moved``.
+    flat
+        Whether the scene is taken as a plane; by default parallax of a scene with depth is followed
+        where that explains more of parts that were held out.
     least
         Amplitude in DN below which significant changes are counted but not listed; by default the
         step of the files' levels.
@@ -282,6 +298,7 @@ def find_changes(
         white_level=white_level,
         limit=limit,
         count_moved=count_moved,
+        flat=flat,
         least=least,
         reading=reading,
         progress=progress,
@@ -428,6 +445,14 @@ def write_changes(out: Path, found: ComparedPhotographs) -> None:
     ):
         description = f"standoff changes: {kind} of {found.followup.path.name}"
         write_float_tiff(out / f"{kind}.tif", image.astype(np.float32), description)
+    if found.parallax is not None:
+        for name, image in zip(
+            DEPTH_FILES, (found.parallax.parallax_px, found.parallax.error_px), strict=True
+        ):
+            kind = Path(name).stem.replace("-", " ")
+            write_float_tiff(
+                out / name, image, f"standoff changes: {kind} of {found.followup.path.name}"
+            )
     write_mask(out / "changes.png", found.is_change)
     write_mask(out / "compared.png", found.valid)
     with _DRAWING:

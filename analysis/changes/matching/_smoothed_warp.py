@@ -322,7 +322,7 @@ def _quintic(t: float, weight: Float32Array) -> None:
 @compiled_part()
 def _level_at(
     coefficients: Float32Array, y: float, x: float, across: Float32Array, down: Float32Array
-) -> float:
+) -> np.float32:
     """Level between pixels; NaN past the photograph. The last two are room for weights."""
     rows, cols = coefficients.shape
     # Written so that NaN is outside.
@@ -381,8 +381,7 @@ def _seen(
     coefficients: Float32Array, nodes_y: FloatArray, nodes_x: FloatArray, corner: FloatArray
 ) -> Float32Array:
     top, left, bottom, right = corner
-    levels = np.full((bottom - top, right - left), np.nan, dtype=np.float32)
-    rows, cols = coefficients.shape
+    levels = np.empty((bottom - top, right - left), dtype=np.float32)
     table = _weights_in_cell()
     line_y, line_x = np.empty(nodes_y.shape[1]), np.empty(nodes_y.shape[1])
     across, down = np.empty(6, dtype=np.float32), np.empty(6, dtype=np.float32)

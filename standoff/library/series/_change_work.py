@@ -16,6 +16,7 @@ from simulation import Psf, PsfField
 from simulation.choices import PsfShape
 from standoff.library.changes import (
     CHANGE_FILES,
+    DEPTH_FILES,
     ComparedPhotographs,
     ComparisonRules,
     compared,
@@ -107,7 +108,9 @@ class ChangeWork(FollowupWork[ComparedPhotographs]):
         ).model_copy(update=limit_columns(summary))
         return Written(
             row=row.model_dump(),
-            files=tuple(folder / file for file in CHANGE_FILES),
+            files=tuple(
+                folder / file for file in CHANGE_FILES if found.parallax or file not in DEPTH_FILES
+            ),
             notes=self._note_on_field(found),
         )
 
