@@ -5,6 +5,7 @@ photograph lies in the other, and whether it is seen there, is worked out from t
 Shares nothing with ``simulation``, nor with what estimates parallax.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import cos, radians, sin, tan
@@ -29,6 +30,10 @@ _ROUNDS = 40
 
 _SAME_PX = 1e-3
 """Difference of the heights of one point, seen by two cameras."""
+
+_WITH_HILLS, _WITH_PLATES = ("hills", "both"), ("plates", "both")
+_STEEPEST = 1.2
+"""Height of a hill over its width."""
 
 _TEXTURES = ("texture", "mondrian", "lesion", "retina")
 
@@ -228,34 +233,43 @@ def depth_scene(kind: DepthKind, seed: int, parallax_px: float, baseline: float)
     # A height h at a distance D has the parallax f b / D * h / (D - h), with f = D in pixels.
     top = parallax_px / baseline
     top = top / (1 + top / distance)
-    grounds = rng.permutation(_TEXTURES)
-    ground = _texture(str(grounds[0]), seed + 1)
-    hills: list[Hill] = []
-    plates: list[Plate] = []
-    if kind in ("hills", "both"):
-        for number in range(5):
-            sigma = rng.uniform(35, 80)
-            share = 1.0 if number == 0 else rng.uniform(-0.3, 1.0)
-            most = (1.0 if kind == "hills" else 0.4) * top
-            hills.append(
-                Hill(
-                    x_px=rng.uniform(-180, 180),
-                    y_px=rng.uniform(-130, 130),
-                    sigma_px=sigma,
-                    height_px=share * min(most, 1.2 * sigma),
-                )
-            )
-    if kind in ("plates", "both"):
-        for number in range(6):
-            plates.append(
-                Plate(
-                    x_px=rng.uniform(-170, 170),
-                    y_px=rng.uniform(-120, 120),
-                    half_width_px=rng.uniform(18, 55),
-                    half_height_px=rng.uniform(18, 55),
-                    is_round=bool(rng.integers(2)),
-                    height_px=top * (1.0 if number == 0 else rng.uniform(0.2, 1.0)),
-                    texture=_texture(str(grounds[1 + number % 2]), seed + 2 + number % 2),
-                )
-            )
-    return DepthScene(ground=ground, hills=tuple(hills), plates=tuple(plates))
+    ground, *others = rng.permutation(_TEXTURES).tolist()
+    textures = [_texture(name, seed + number) for number, name in enumerate(others[:2], 2)]
+    return DepthScene(
+        ground=_texture(ground, seed + 1),
+        hills=_hills(rng, top if kind == "hills" else 0.4 * top) if kind in _WITH_HILLS else (),
+        plates=_plates(rng, top, textures) if kind in _WITH_PLATES else (),
+    )
+
+
+def _hills(rng: np.random.Generator, top_px: float) -> tuple[Hill, ...]:
+    """Five, of which the first is the highest; steeper ones would hide what is behind them."""
+    widths = rng.uniform(35, 80, 5)
+    shares = [1.0, *rng.uniform(-0.3, 1.0, 4)]
+    return tuple(
+        Hill(
+            x_px=rng.uniform(-180, 180),
+            y_px=rng.uniform(-130, 130),
+            sigma_px=width,
+            height_px=share * min(top_px, _STEEPEST * width),
+        )
+        for width, share in zip(widths.tolist(), shares, strict=True)
+    )
+
+
+def _plates(
+    rng: np.random.Generator, top_px: float, textures: Sequence[FlatScene]
+) -> tuple[Plate, ...]:
+    """Six, of which the first is the highest."""
+    return tuple(
+        Plate(
+            x_px=rng.uniform(-170, 170),
+            y_px=rng.uniform(-120, 120),
+            half_width_px=rng.uniform(18, 55),
+            half_height_px=rng.uniform(18, 55),
+            is_round=bool(rng.integers(2)),
+            height_px=top_px * (1.0 if number == 0 else rng.uniform(0.2, 1.0)),
+            texture=textures[number % 2],
+        )
+        for number in range(6)
+    )

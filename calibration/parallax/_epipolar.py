@@ -13,6 +13,7 @@ from typing import Self
 import cv2
 import numpy as np
 
+from calibration.parallax._correction import Correction, correction_of_features
 from calibration.registration import DistortedPose, FeatureMatches, ImageFeatures, features_of
 from simulation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from simulation.pose import ideal_points, lens_of
@@ -63,10 +64,10 @@ class EpipolarGeometry:
     parallax_px: FloatArray
     misfit: float
 
-    def with_(self, change: FloatArray, epipole: FloatArray) -> Self:
-        """Return the geometry with another plane, (3, 3) from this one's frame, and epipole."""
-        pose = self.pose.with_(self.pose.matrix @ change, self.pose.k1)
-        return replace(self, pose=pose, epipole=epipole)
+    def corrected(self, by: Correction) -> Self:
+        """Return the geometry with a better plane and epipole."""
+        pose = self.pose.with_(self.pose.matrix @ by.change, self.pose.k1)
+        return replace(self, pose=pose, epipole=by.epipole)
 
     def directions(self, x_px: FloatArray, y_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unit vectors ``(x, y)`` towards the epipole at seen pixels of the target; 0 at it."""
@@ -202,14 +203,16 @@ def _beside_plane(plane: DistortedPose, matches: FeatureMatches) -> EpipolarGeom
             found, count = better, told
     if found is None:
         return None
-    distances = _distances(found, own, other)
-    near = distances < _NEAR_PX
+    near = _distances(found, own, other) < _NEAR_PX
     if np.count_nonzero(near) < _LEAST_MATCHES:
         return None
     matrix, epipole = _compatible_plane(found, own[near], other[near])
-    away = _mapped(_inverse(matrix), other) - own
-    to_x, to_y = _towards(epipole, own)
-    parallax = away[:, 0] * to_x + away[:, 1] * to_y
+    for _ in range(_ROUNDS):
+        parallax, aside = _beside_lines(matrix, epipole, own, other)
+        better = correction_of_features(own[near], parallax[near], aside[near], epipole)
+        matrix, epipole = matrix @ better.change, better.epipole
+        near = np.abs(_beside_lines(matrix, epipole, own, other)[1]) < _NEAR_PX
+    parallax, aside = _beside_lines(matrix, epipole, own, other)
     if not _tells_of_depth(own, near, parallax):
         return None
     turned = plane.with_(plane.matrix @ matrix, plane.k1)
@@ -218,8 +221,17 @@ def _beside_plane(plane: DistortedPose, matches: FeatureMatches) -> EpipolarGeom
         epipole=epipole,
         near=near,
         parallax_px=parallax,
-        misfit=float(np.mean(np.minimum(distances, _NEAR_PX) ** 2)),
+        misfit=float(np.mean(np.minimum(np.abs(aside), _NEAR_PX) ** 2)),
     )
+
+
+def _beside_lines(
+    matrix: FloatArray, epipole: FloatArray, own: FloatArray, other: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """How far matches are displaced beside a plane along their lines, and to the right of these."""
+    away = _mapped(_inverse(matrix), other) - own
+    to_x, to_y = _towards(epipole, own)
+    return away[:, 0] * to_x + away[:, 1] * to_y, away[:, 1] * to_x - away[:, 0] * to_y
 
 
 def _is_displaced(own: FloatArray, other: FloatArray) -> BoolArray:

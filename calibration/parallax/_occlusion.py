@@ -19,7 +19,9 @@ from simulation.compiled import compiled, compiled_part
 _TWO_WAY_PX: Final = 1.5
 """Distance at which a match there and back ends."""
 
-_UNLIKE_SD, _UNLIKE_SHARE_PX = 6.0, 1.5
+_MOST_UNLIKE, _UNLIKE_MEAN_PX = 3.0, 1.5
+"""Mean over a Gaussian of this width of what a match leaves over what is expected, for a match."""
+
 _UNLIKE_GROWN_PX: Final = 4
 _LEAST_ISLAND_PX: Final = 80
 _JUMP_PX, _JUMP_SLOPE = 1.0, 0.12
@@ -46,16 +48,15 @@ def matched_both_ways(own: Float32Array, other: Float32Array, views: AlignedView
 
 
 def known_surface(
-    parallax_px: Float32Array, matched: BoolArray, left_sd: Float32Array
+    parallax_px: Float32Array, matched: BoolArray, unlike: Float32Array
 ) -> BoolArray:
     """Matched pixels that look like their match, in patches of some size."""
-    smooth = cv2.GaussianBlur(np.abs(left_sd), (0, 0), _UNLIKE_SHARE_PX)
-    unlike = (smooth > _UNLIKE_SD) & matched
-    if unlike.any():
+    is_unlike = (cv2.GaussianBlur(unlike, (0, 0), _UNLIKE_MEAN_PX) > _MOST_UNLIKE) & matched
+    if is_unlike.any():
         size = 2 * _UNLIKE_GROWN_PX + 1
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        unlike = cv2.dilate(unlike.astype(np.uint8), disc).astype(np.bool_)
-    known = matched & ~unlike
+        is_unlike = cv2.dilate(is_unlike.astype(np.uint8), disc).astype(np.bool_)
+    known = matched & ~is_unlike
     labels, sizes = _patches(parallax_px, known)
     return np.asarray(known & (sizes[labels] >= _LEAST_ISLAND_PX))
 

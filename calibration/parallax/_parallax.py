@@ -6,7 +6,7 @@ from math import ceil, sqrt
 import cv2
 import numpy as np
 
-from calibration.parallax._correction import corrected_geometry
+from calibration.parallax._correction import correction_of_pixels
 from calibration.parallax._epipolar import EpipolarGeometry, find_geometry
 from calibration.parallax._matching import AlignedViews, MatchedViews, match_views
 from calibration.parallax._occlusion import (
@@ -108,7 +108,10 @@ def find_parallax(reference: AnyArray, followup: AnyArray, pose: DistortedPose) 
     rough, agrees = _rough(views, small, matched, factor)
     for _ in range(_CORRECTIONS):
         parallax, _, _ = refined_parallax(lit, rough, agrees, _FEW_ROUNDS)
-        geometry = corrected_geometry(geometry, lit, parallax, agrees)
+        better = correction_of_pixels(lit, parallax, agrees, geometry.epipole)
+        if better is None:
+            break
+        geometry = geometry.corrected(better)
         lit = _in_own_light(_aligned(target, source, geometry))
     own, other = _surfaces(lit, small, matched, factor)
     is_seen, is_seen_back = _seen_in(own, other, lit), _seen_in(other, own, _reversed(lit))
@@ -187,8 +190,8 @@ def _surfaces(
     found = []
     for whole, reduced, both in ((views, small, matched), (back, small_back, turned)):
         rough, agrees = _rough(whole, reduced, both, factor)
-        parallax, error, left = refined_parallax(whole, rough, agrees)
-        known = known_surface(parallax, agrees, left)
+        parallax, error, unlike = refined_parallax(whole, rough, agrees)
+        known = known_surface(parallax, agrees, unlike)
         filled, is_sure = filled_surface(parallax, known, agrees, whole.to_x, whole.to_y)
         found.append(
             _Surface(

@@ -40,6 +40,9 @@ _SLOPE_SD = 0.15
 """Of surfaces that are known by few details: standard deviation of the parallax's slope."""
 
 _MOST_STEP_PX = 0.7
+_PLACE_ERR_PX, _CONTRAST_ERR = 0.3, 0.2
+"""What a match leaves that is one: of its place, and of the contrast around it, relative."""
+
 _ROBUST_SD = 3.0
 _LEAST_INFORMATION = 1e-3
 """Of the median: where there is no detail at all, the neighbours say all."""
@@ -83,17 +86,17 @@ def shifted_along(
 def refined_parallax(
     views: AlignedViews, parallax_px: Float32Array, matched: BoolArray, rounds: int = _ROUNDS
 ) -> tuple[Float32Array, Float32Array, Float32Array]:
-    """Parallax, its standard error, and what is left of the levels in units of their scatter.
+    """Parallax, its standard error, and how unlike the levels are, in units of what is expected.
 
     ``views``: in their own light. ``parallax_px``: to a pixel, where ``matched``.
     """
     found = parallax_px.copy()
     error = np.full(found.shape, np.inf, dtype=np.float32)
-    left = np.zeros(found.shape, dtype=np.float32)
+    unlike = np.zeros(found.shape, dtype=np.float32)
     smooth = SmoothedViews.of(views)
     for _ in range(rounds):
         seen = smooth.residuals(found, matched)
-        left, along = seen.left, seen.along
+        unlike, left, along = seen.unlike, seen.left, seen.along
         if not seen.counts.any():
             break
         # What no parallax explains does not pull at it.
@@ -102,7 +105,7 @@ def refined_parallax(
         said = (seen.weight * along * left).astype(np.float32) + information * found
         fitted, error = _surface_fit(found, information, said, seen.counts)
         found += np.clip(fitted - found, -_MOST_STEP_PX, _MOST_STEP_PX) * seen.counts
-    return found, error, left
+    return found, error, unlike
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -110,13 +113,15 @@ class Residuals:
     """What is left at each pixel, over its scatter, and how it changes with a pixel's displacement.
 
     ``along, across``: by a displacement towards the epipole, and to the right of that. ``weight``:
-    less where more is left. ``counts``: pixels that are matched, and seen.
+    less where more is left. ``unlike``: the size of what is left over what noise, some tenths of a
+    pixel and another contrast around leave. ``counts``: pixels that are matched, and seen.
     """
 
     left: Float32Array
     along: Float32Array
     across: Float32Array
     weight: Float32Array
+    unlike: Float32Array
     counts: BoolArray
 
 
@@ -155,13 +160,16 @@ class SmoothedViews:
         counts = matched & np.isfinite(left) & np.isfinite(along)
         left, along, across = (np.where(counts, one, 0) for one in (left, along, across))
         scatter = np.float32(max(robust_sigma(left[counts]), 1e-9) if counts.any() else 1.0)
-        left = left / scatter
+        left, along, across = left / scatter, along / scatter, across / scatter
+        expected = 1 + _PLACE_ERR_PX**2 * (along**2 + across**2)
+        expected += (_CONTRAST_ERR / scatter) ** 2 * self.target**2
         weight = np.where(counts, _ROBUST_SD / np.maximum(np.abs(left), _ROBUST_SD), 0)
         return Residuals(
             left=left.astype(np.float32),
-            along=(along / scatter).astype(np.float32),
-            across=(across / scatter).astype(np.float32),
+            along=along.astype(np.float32),
+            across=across.astype(np.float32),
             weight=weight.astype(np.float32),
+            unlike=np.asarray(np.abs(left) / np.sqrt(expected), dtype=np.float32),
             counts=counts,
         )
 

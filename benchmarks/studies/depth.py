@@ -1,0 +1,288 @@
+"""Scenes with depth: parallax, what is hidden, changes that are none, and changes that are.
+
+Rendered twice from two poses (``benchmarks/truth/depth.py``): hills, plates above a ground, and
+both, with up to 40 px of parallax, tilts up to 15 degrees, zooms from .75 to 1.6, noise of 1 DN, a
+third as JPEG. Of each pair an unchanged follow-up, and one with spots painted on it and things
+pasted into it. Beside it: the plane alone (``--flat``), and OpenCV's dense flow, whose difference
+is judged by its own scatter. Flat scenes with the same noise say how many spots are found there.
+
+    OPENBLAS_NUM_THREADS=1 python -m benchmarks.studies.depth [--quick] [--seed N] [--pairs N]
+"""
+
+from dataclasses import dataclass, field
+from functools import partial
+from math import radians, tan
+from typing import Annotated
+
+import cv2
+import numpy as np
+
+from analysis.changes import ChangeOptions, ChangeResult, changes_between
+from benchmarks.harness import Recorder, benchmark, outcomes
+from benchmarks.truth.depth import DepthKind, DepthPair, View, depth_pair, depth_scene
+from calibration.errors import CalibrationError
+from calibration.robust import robust_sigma
+from simulation.arrays import BoolArray, Float32Array, FloatArray
+
+PAIRS, QUICK_PAIRS = 48, 4
+KINDS: tuple[DepthKind, ...] = ("hills", "plates", "both", "flat")
+NOISE_DN = 1.0
+JPEG_QUALITY = 92
+BORDER_PX = 10
+SPOTS, SPOT_SIGMA_PX = 8, 2.0
+SPOT_DN = (12.0, 40.0)
+THINGS, THING_PX = 2, 18
+NEAR_PX = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """What was measured of one pair; distances in px, shares of what is named."""
+
+    kind: str
+    parallax_px: float = 0.0
+    refused: str = ""
+    has_depth: bool = False
+    median_px: float = 0.0
+    p95_px: float = 0.0
+    compared: float = 0.0
+    hidden: int = 0
+    hidden_found: int = 0
+    listed_px: int = 0
+    compared_px: int = 0
+    listed_flat_px: int = 0
+    compared_flat_px: int = 0
+    listed_flow_px: int = 0
+    spots: int = 0
+    spots_compared: int = 0
+    spots_found: int = 0
+    things: int = 0
+    things_compared: int = 0
+    things_found: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Case:
+    """A pair with its truth, developed."""
+
+    made: DepthPair
+    reference: Float32Array = field(repr=False)
+    followup: Float32Array = field(repr=False)
+    rng: np.random.Generator
+
+
+def _case(seed: int, number: int, kind: DepthKind) -> tuple[_Case, float]:
+    rng = np.random.default_rng([seed, number])
+    tilt_deg = rng.uniform(3, 15)
+    parallax_px = rng.uniform(4, 40)
+    zoom = rng.uniform(0.75, 1.6)
+    scene = depth_scene(kind, 1000 * seed + number, parallax_px, tan(radians(tilt_deg)))
+    views = [
+        View(),
+        View(
+            distance_px=View().distance_px * zoom,
+            tilt_deg=tilt_deg,
+            bearing_deg=rng.uniform(0, 360),
+            roll_deg=rng.uniform(-5, 5),
+        ),
+    ]
+    made = depth_pair(scene, *views)
+    return (
+        _Case(
+            made=made,
+            reference=_developed(made.reference_dn, rng, is_jpeg=number % 3 == 2),
+            followup=_developed(made.followup_dn, rng, is_jpeg=number % 3 == 2),
+            rng=rng,
+        ),
+        parallax_px,
+    )
+
+
+def _developed(image: FloatArray, rng: np.random.Generator, *, is_jpeg: bool) -> Float32Array:
+    noisy = np.clip(np.rint(image + rng.normal(0, NOISE_DN, image.shape)), 0, 255)
+    if is_jpeg:
+        flags = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        coded = cv2.imencode(".jpg", noisy.astype(np.uint8), flags)[1]
+        noisy = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE)
+    return np.asarray(noisy, dtype=np.float32)
+
+
+def _inner(made: DepthPair) -> BoolArray:
+    """Pixels away from both frames' borders."""
+    rows, cols = made.is_seen.shape
+    inner = np.zeros((rows, cols), dtype=np.bool_)
+    inner[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX] = True
+    y, x = made.places_px
+    inner &= (y > BORDER_PX) & (y < rows - 1 - BORDER_PX)
+    return np.asarray(inner & (x > BORDER_PX) & (x < cols - 1 - BORDER_PX))
+
+
+def _flow_listed(case: _Case, found: ChangeResult) -> int:
+    """Pixels that differ by five times the scatter after dense flow, where it agrees both ways."""
+    rows, cols = case.followup.shape
+    at_y, at_x = (one.astype(np.float32) for one in found.pose.plane.followup_places_px())
+    aligned = cv2.remap(case.reference, at_x, at_y, cv2.INTER_CUBIC, borderValue=(np.nan,) * 4)
+    inside = np.isfinite(aligned)
+    own, other = (
+        np.clip(np.nan_to_num(one, nan=128.0), 0, 255).astype(np.uint8)
+        for one in (case.followup, aligned)
+    )
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    there = flow.calc(own, other, np.zeros((rows, cols, 2), np.float32))
+    back = flow.calc(other, own, np.zeros((rows, cols, 2), np.float32))
+    y, x = np.mgrid[0:rows, 0:cols].astype(np.float32)
+    to_x, to_y = x + there[..., 0], y + there[..., 1]
+    again = cv2.remap(back, to_x, to_y, cv2.INTER_LINEAR)
+    agrees = inside & (np.hypot(*(there + again).transpose(2, 0, 1)) < 1.5)
+    seen = cv2.remap(np.nan_to_num(aligned), to_x, to_y, cv2.INTER_CUBIC)
+    smooth = [
+        cv2.GaussianBlur(np.asarray(one, np.float32), (0, 0), 1.2) for one in (case.followup, seen)
+    ]
+    apart = (smooth[0] - smooth[1])[agrees]
+    return int(np.count_nonzero(np.abs(apart - np.median(apart)) > 5 * robust_sigma(apart)))
+
+
+def _changed(case: _Case) -> tuple[Float32Array, list[tuple[float, float]], list[tuple[int, int]]]:
+    """The follow-up with spots painted on it and patches pasted into it, and their places."""
+    rng, made = case.rng, case.made
+    rows, cols = made.is_seen.shape
+    sound = cv2.erode((_inner(made) & made.is_seen).astype(np.uint8), np.ones((25, 25), np.uint8))
+    image = case.followup.copy()
+    y, x = np.mgrid[0:rows, 0:cols]
+    taken = np.zeros((rows, cols), dtype=np.bool_)
+    spots, things = [], []
+    for number in range(THINGS + SPOTS):
+        at = np.argwhere((sound > 0) & ~taken)
+        if not len(at):
+            break
+        row, col = at[rng.integers(len(at))].tolist()
+        taken |= np.hypot(y - row, x - col) < 45
+        if number < THINGS:
+            half = THING_PX // 2
+            part = np.s_[row - half : row + half, col - half : col + half]
+            far = (row + rows // 2) % (rows - THING_PX), (col + cols // 3) % (cols - THING_PX)
+            image[part] = case.followup[far[0] : far[0] + 2 * half, far[1] : far[1] + 2 * half]
+            things.append((row, col))
+        else:
+            peak = rng.uniform(*SPOT_DN) * rng.choice([-1, 1])
+            image += peak * np.exp(-((y - row) ** 2 + (x - col) ** 2) / (2 * SPOT_SIGMA_PX**2))
+            spots.append((float(row), float(col)))
+    return np.asarray(np.rint(image), dtype=np.float32), spots, things
+
+
+def _row(seed: int, task: tuple[int, DepthKind]) -> _Row:
+    number, kind = task
+    case, parallax_px = _case(seed, number, kind)
+    made = case.made
+    try:
+        found = changes_between(case.reference, case.followup)
+        plane = changes_between(case.reference, case.followup, options=ChangeOptions(flat=True))
+    except CalibrationError as error:
+        return _Row(kind=kind, parallax_px=parallax_px, refused=str(error)[:60])
+    inner = _inner(made)
+    seen = found.pose.followup_seen()
+    y, x = found.pose.followup_places_px()
+    error_px = np.hypot(y - made.places_px[0], x - made.places_px[1])
+    both = inner & made.is_seen & found.valid
+    hidden = inner & ~made.is_seen
+    image, spots, things = _changed(case)
+    changed = changes_between(case.reference, image)
+    half = THING_PX // 2
+    compared_things = [
+        found.valid[row - half : row + half, col - half : col + half].mean() > 0.5
+        for row, col in things
+    ]
+    found_things = [
+        bool(changed.is_change[row - half : row + half, col - half : col + half].any())
+        for row, col in things
+    ]
+    compared_spots = [bool(found.valid[round(row), round(col)]) for row, col in spots]
+    found_spots = [_is_listed(changed, row, col) for row, col in spots]
+    return _Row(
+        kind=kind,
+        parallax_px=parallax_px,
+        has_depth=seen is not None,
+        median_px=float(np.median(error_px[both])),
+        p95_px=float(np.percentile(error_px[both], 95)),
+        compared=float(np.mean(found.valid[inner & made.is_seen])),
+        hidden=int(np.count_nonzero(hidden)),
+        hidden_found=int(np.count_nonzero(hidden & ~found.valid)),
+        listed_px=found.summary.changed_px,
+        compared_px=found.summary.compared_px,
+        listed_flat_px=plane.summary.changed_px,
+        compared_flat_px=plane.summary.compared_px,
+        listed_flow_px=_flow_listed(case, found),
+        spots=len(spots),
+        spots_compared=sum(compared_spots),
+        spots_found=sum(a and b for a, b in zip(compared_spots, found_spots, strict=True)),
+        things=len(things),
+        things_compared=sum(compared_things),
+        things_found=sum(a and b for a, b in zip(compared_things, found_things, strict=True)),
+    )
+
+
+def _is_listed(found: ChangeResult, row: float, col: float) -> bool:
+    every = (*found.summary.changes, *found.summary.moved)
+    places = [part for one in every for part in (one, *one.parts)]
+    return any(np.hypot(one.y_px - row, one.x_px - col) < NEAR_PX for one in places)
+
+
+def _say_kind(record: Recorder, kind: DepthKind, rows: list[_Row]) -> None:
+    measured = [row for row in rows if not row.refused]
+    if not measured:
+        return
+    record.figure(f"{kind}: refused", len(rows) - len(measured), f"of {len(rows)}")
+    record.figure(f"{kind}: with depth", sum(row.has_depth for row in measured), f"of {len(rows)}")
+    record.figure(f"{kind}: error, median", float(np.median([r.median_px for r in measured])), "px")
+    worst = max(row.median_px for row in measured)
+    record.figure(f"{kind}: error, median of the worst pair", worst, "px")
+    record.figure(f"{kind}: error, 95 %", float(np.median([r.p95_px for r in measured])), "px")
+    record.figure(f"{kind}: compared", float(np.mean([r.compared for r in measured])), "")
+    hidden = sum(row.hidden for row in measured)
+    if hidden:
+        found = sum(row.hidden_found for row in measured) / hidden
+        record.figure(f"{kind}: hidden parts found", found, "")
+    listed, plane, flow = (
+        sum(getattr(row, name) for row in measured)
+        for name in ("listed_px", "listed_flat_px", "listed_flow_px")
+    )
+    total = sum(row.compared_px for row in measured)
+    unit = "% of what was compared"
+    record.figure(
+        f"{kind}: listed of nothing", 100 * listed / total, unit, "plane", 100 * plane / total
+    )
+    record.figure(
+        f"{kind}: listed of nothing ", 100 * listed / total, unit, "flow", 100 * flow / total
+    )
+    for name in ("spots", "things"):
+        compared = sum(getattr(row, f"{name}_compared") for row in measured)
+        share = sum(getattr(row, f"{name}_found") for row in measured) / max(compared, 1)
+        record.figure(f"{kind}: {name} found where compared", share, f"of {compared}")
+
+
+@benchmark()
+def main(
+    record: Recorder,
+    *,
+    seed: Annotated[int, "of the scenes"] = 1,
+    pairs: Annotated[int, "pairs, in turns of the kinds"] = 0,
+    workers: Annotated[int, "processes"] = 2,
+) -> None:
+    """Measure all pairs, and say what holds by kind."""
+    count = pairs or record.pick(PAIRS, QUICK_PAIRS)
+    tasks = [(number, KINDS[number % len(KINDS)]) for number in range(count)]
+    rows = []
+    for task, row in outcomes(partial(_row, seed), tasks, workers):
+        if isinstance(row, BaseException):
+            raise RuntimeError(f"pair {task}") from row
+        rows.append(row)
+        record.say(
+            f"{row.kind:7s} {row.parallax_px:4.0f} px  {row.refused or row.has_depth!s:5s}  error "
+            f"{row.median_px:.3f} {row.p95_px:.2f}  compared {row.compared:.2f}  hidden "
+            f"{row.hidden_found}/{row.hidden}  listed {row.listed_px} (plane {row.listed_flat_px}, "
+            f"flow {row.listed_flow_px}) of {row.compared_px}  spots {row.spots_found}/"
+            f"{row.spots_compared}/{row.spots}  things {row.things_found}/{row.things_compared}/"
+            f"{row.things}"
+        )
+    for kind in KINDS:
+        _say_kind(record, kind, [row for row in rows if row.kind == kind])
