@@ -29,6 +29,13 @@ _JUMP_PX, _JUMP_SLOPE = 1.0, 0.12
 of the gap."""
 
 _FARTHEST_PX: Final = 80
+_LEAST_HOLE_PX, _MOST_HOLE_SHARE = 12, 0.05
+"""Of a hole in a surface; the share is of the frame."""
+
+_RING_PX, _LEAST_RING_PX, _RING_ROUNDS = 3, 24, 5
+_MOST_OF_RING: Final = 0.8
+"""Share of the pixels around a hole that one plane must explain."""
+
 _GUARD_PX: Final = 2
 
 
@@ -47,9 +54,7 @@ def matched_both_ways(own: Float32Array, other: Float32Array, views: AlignedView
     return np.asarray(np.abs(back - own) <= _TWO_WAY_PX)
 
 
-def known_surface(
-    parallax_px: Float32Array, matched: BoolArray, unlike: Float32Array
-) -> BoolArray:
+def known_surface(parallax_px: Float32Array, matched: BoolArray, unlike: Float32Array) -> BoolArray:
     """Matched pixels that look like their match, in patches of some size."""
     is_unlike = (cv2.GaussianBlur(unlike, (0, 0), _UNLIKE_MEAN_PX) > _MOST_UNLIKE) & matched
     if is_unlike.any():
@@ -151,6 +156,56 @@ def filled_surface(
                     # Both are as likely: nothing is decided by it.
                     filled[row, col] = first if back <= ahead else last
     return filled, is_sure
+
+
+def filled_holes(
+    parallax_px: Float32Array, known: BoolArray, shown: BoolArray
+) -> tuple[Float32Array, BoolArray]:
+    """Fill holes within one surface by a plane; also returns where.
+
+    What one photograph hides lies between two surfaces. A hole that one surface surrounds is where
+    something changed, or nothing is to be seen. ``shown``: pixels that both photographs reach.
+    """
+    filled, is_hole = parallax_px.copy(), np.zeros_like(known)
+    holes = (~known).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(holes, connectivity=4)
+    most = _MOST_HOLE_SHARE * known.size
+    for number in range(1, count):
+        left, top, width, height, area = stats[number].tolist()
+        if not _LEAST_HOLE_PX <= area <= most:
+            continue
+        reach = _RING_PX
+        part = np.s_[
+            max(top - reach, 0) : top + height + reach, max(left - reach, 0) : left + width + reach
+        ]
+        own = labels[part] == number
+        if not shown[part][own].all():
+            continue
+        around = cv2.dilate(own.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        ring = around.astype(np.bool_) & known[part]
+        level = _one_surface(parallax_px[part], ring)
+        if level is not None:
+            filled[part][own] = level[own]
+            is_hole[part] |= own
+    return filled, is_hole
+
+
+def _one_surface(parallax_px: Float32Array, ring: BoolArray) -> Float32Array | None:
+    """The plane through a ring of pixels, where it is that of nearly all of them."""
+    rows, cols = np.nonzero(ring)
+    if len(rows) < _LEAST_RING_PX:
+        return None
+    design = np.column_stack([np.ones(len(rows)), rows, cols])
+    levels = parallax_px[ring].astype(np.float64)
+    weight = np.ones(len(rows))
+    for _ in range(_RING_ROUNDS):
+        plane = np.linalg.lstsq(design * weight[:, None], levels * weight, rcond=None)[0]
+        apart = np.abs(levels - design @ plane)
+        weight = np.asarray(1 / np.sqrt(np.maximum(apart, 0.1)))
+    if np.mean(apart < _JUMP_PX) < _MOST_OF_RING:
+        return None
+    y, x = np.indices(ring.shape)
+    return np.asarray(plane[0] + plane[1] * y + plane[2] * x, dtype=np.float32)
 
 
 def hidden_in_other(

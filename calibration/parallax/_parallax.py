@@ -10,6 +10,7 @@ from calibration.parallax._correction import correction_of_pixels
 from calibration.parallax._epipolar import EpipolarGeometry, find_geometry
 from calibration.parallax._matching import AlignedViews, MatchedViews, match_views
 from calibration.parallax._occlusion import (
+    filled_holes,
     filled_surface,
     guarded,
     hidden_in_other,
@@ -192,6 +193,8 @@ def _surfaces(
         rough, agrees = _rough(whole, reduced, both, factor)
         parallax, error, unlike = refined_parallax(whole, rough, agrees)
         known = known_surface(parallax, agrees, unlike)
+        parallax, is_hole = filled_holes(parallax, known, whole.is_target & whole.is_source)
+        known |= is_hole
         filled, is_sure = filled_surface(parallax, known, agrees, whole.to_x, whole.to_y)
         found.append(
             _Surface(
@@ -206,7 +209,7 @@ def _surfaces(
 
 def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:
     """Pixels of a surface that nothing hides in the other view."""
-    hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_sure, views)
+    hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_known, views)
     # What was matched there and back is there.
     return own.is_sure & (own.is_known | ~hidden)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.parallax import EpipolarGeometry, epipolar_geometry
+from calibration.parallax._correction import Correction
 from calibration.registration import DistortedPose, FeatureMatches
 from simulation.arrays import BoolArray, FloatArray
 from tests.calibration.known import known
@@ -281,7 +282,8 @@ def test_an_epipole_that_passes_infinity_turns_no_parallax_round(name: str) -> N
     before = found.parallax_px * np.stack(found.directions(x, y))
     for third in (-1e-5, 1e-5):
         epipole = np.array([*found.epipole[:2], third])
-        turned = found.with_(np.eye(3), epipole / np.linalg.norm(epipole))
+        by = Correction(change=np.eye(3), epipole=epipole / np.linalg.norm(epipole))
+        turned = found.corrected(by)
         after = turned.parallax_px * np.stack(turned.directions(x, y))
         # Lines turn by less than .6: cameras beside the target's have their epipoles some 1500 px
         # away at least, so that a side of 400 px is no more than that of them.
