@@ -22,7 +22,7 @@ from benchmarks.harness import Recorder, benchmark, outcomes
 from benchmarks.truth.depth import DepthKind, DepthPair, View, depth_pair, depth_scene
 from calibration.errors import CalibrationError
 from calibration.robust import robust_sigma
-from simulation.arrays import BoolArray, Float32Array, FloatArray
+from simulation.arrays import BoolArray, Float32Array
 
 PAIRS, QUICK_PAIRS = 48, 4
 KINDS: tuple[DepthKind, ...] = ("hills", "plates", "both", "flat")
@@ -98,12 +98,12 @@ def _case(seed: int, number: int, kind: DepthKind) -> tuple[_Case, float]:
     )
 
 
-def _developed(image: FloatArray, rng: np.random.Generator, *, is_jpeg: bool) -> Float32Array:
+def _developed(image: Float32Array, rng: np.random.Generator, *, is_jpeg: bool) -> Float32Array:
     noisy = np.clip(np.rint(image + rng.normal(0, NOISE_DN, image.shape)), 0, 255)
     if is_jpeg:
         flags = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         coded = cv2.imencode(".jpg", noisy.astype(np.uint8), flags)[1]
-        noisy = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE)
+        return np.asarray(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), dtype=np.float32)
     return np.asarray(noisy, dtype=np.float32)
 
 
@@ -273,8 +273,8 @@ def main(
     tasks = [(number, KINDS[number % len(KINDS)]) for number in range(count)]
     rows = []
     for task, row in outcomes(partial(_row, seed), tasks, workers):
-        if isinstance(row, BaseException):
-            raise RuntimeError(f"pair {task}") from row
+        if not isinstance(row, _Row):
+            raise TypeError(f"pair {task}") from row
         rows.append(row)
         record.say(
             f"{row.kind:7s} {row.parallax_px:4.0f} px  {row.refused or row.has_depth!s:5s}  error "

@@ -23,7 +23,7 @@ _CORRELATED = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Correction:
-    """What a plane and an epipole lack: a change of the plane (3, 3), and the right epipole (3,)."""
+    """What a plane and an epipole lack: a change (3, 3) of the plane, and a better epipole (3,)."""
 
     change: FloatArray
     epipole: FloatArray
@@ -100,7 +100,8 @@ def correction_of_features(
     weight = 1 / np.maximum(np.abs(aside_px), np.median(np.abs(aside_px)) + 1e-9)
     weight = weight / np.max(weight)
     normal = (places.basis * weight) @ places.basis.T + 1e-3 * np.eye(10)
-    return places.correction(np.linalg.solve(normal, places.basis @ (weight * aside_px)))
+    found = np.linalg.solve(normal, places.basis @ (weight * aside_px))
+    return places.correction(np.asarray(found, dtype=np.float64))
 
 
 def correction_of_pixels(
@@ -124,4 +125,5 @@ def correction_of_pixels(
     design = places.basis * slope
     share = step / _CORRELATED
     normal = (design * weight) @ design.T * share + np.eye(10) / _PRIOR_PX**2
-    return places.correction(np.linalg.solve(normal, design @ (weight * left) * share))
+    found = np.linalg.solve(normal, design @ (weight * left) * share)
+    return places.correction(np.asarray(found, dtype=np.float64))

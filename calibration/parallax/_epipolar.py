@@ -209,8 +209,8 @@ def _beside_plane(plane: DistortedPose, matches: FeatureMatches) -> EpipolarGeom
     matrix, epipole = _compatible_plane(found, own[near], other[near])
     for _ in range(_ROUNDS):
         parallax, aside = _beside_lines(matrix, epipole, own, other)
-        better = correction_of_features(own[near], parallax[near], aside[near], epipole)
-        matrix, epipole = matrix @ better.change, better.epipole
+        asked = correction_of_features(own[near], parallax[near], aside[near], epipole)
+        matrix, epipole = np.asarray(matrix @ asked.change), asked.epipole
         near = np.abs(_beside_lines(matrix, epipole, own, other)[1]) < _NEAR_PX
     parallax, aside = _beside_lines(matrix, epipole, own, other)
     if not _tells_of_depth(own, near, parallax):

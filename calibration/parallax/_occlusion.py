@@ -90,11 +90,12 @@ def _patches(
                 sizes[count] += 1
                 for side in range(4):
                     j, i = y + (side == 0) - (side == 1), x + (side == 2) - (side == 3)
-                    if 0 <= j < rows and 0 <= i < cols and known[j, i] and not labels[j, i]:
-                        if abs(parallax[j, i] - parallax[y, x]) <= _JUMP_PX:
-                            labels[j, i] = count
-                            stack[height, 0], stack[height, 1] = j, i
-                            height += 1
+                    if not (0 <= j < rows and 0 <= i < cols and known[j, i]) or labels[j, i]:
+                        continue
+                    if abs(parallax[j, i] - parallax[y, x]) <= _JUMP_PX:
+                        labels[j, i] = count
+                        stack[height, 0], stack[height, 1] = j, i
+                        height += 1
     return labels, sizes
 
 

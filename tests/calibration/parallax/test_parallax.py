@@ -12,7 +12,6 @@ import pytest
 
 from benchmarks.truth.depth import DepthPair, DepthScene, Hill, Plate, View, depth_pair
 from benchmarks.truth.pairs import FlatScene, scene
-from calibration.errors import RegistrationError
 from calibration.parallax import Parallax, find_parallax
 from calibration.registration import DistortedPose, register_images
 from simulation.arrays import BoolArray, Float32Array, FloatArray
@@ -103,7 +102,6 @@ VIEWS = {
     "plates_closer": ("plates", FARTHER, NEAR),
     "hills_tilted": ("hills", NEAR, TILTED),
     "hills_farther": ("hills", NEAR, FARTHER),
-    "hills_closer": ("hills", FARTHER, NEAR),
 }
 WITH_PLATES = [name for name in VIEWS if name.startswith("plates")]
 
@@ -177,8 +175,7 @@ def test_the_epipole_is_the_reference_cameras_centre(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["plates_tilted", "hills_tilted", "plates_farther"])
-def test_stated_errors_are_right_within_a_factor(name: str) -> None:
-    """On level ground and plates, further than 8 px from where errors are those of a jump."""
+def test_stated_errors_are_right_within_a_factor_of_3(name: str) -> None:
     one = case(name)
     error = one.found.parallax_err_px
     assert one.found.pose.parallax is not None
@@ -188,7 +185,7 @@ def test_stated_errors_are_right_within_a_factor(name: str) -> None:
     ratio = one.errors_px[counts] / error[counts]
     # A normal variable is within .67 of its deviation half the time; the plane's own errors and
     # the part across come on top of it.
-    assert 0.67 / 2 < np.median(ratio) < 0.67 * 3
+    assert 0.67 / 3 < np.median(ratio) < 0.67 * 3
 
 
 @pytest.mark.slow
@@ -201,8 +198,6 @@ def test_a_flat_scene_has_no_parallax() -> None:
 @pytest.mark.slow
 def test_two_photographs_of_different_things_have_none() -> None:
     one, other = (DepthScene(ground=texture(n), frame=FRAME).photograph(NEAR) for n in (1, 2))
-    with pytest.raises(RegistrationError):
-        register_images(one, other)
     for matrix in (np.eye(3), np.array([[1.2, 0.1, -30], [-0.1, 1.2, -9], [0, 0, 1]])):
         pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=FRAME, followup_shape=FRAME)
         assert find_parallax(one, other, pose) is None
@@ -221,22 +216,21 @@ def test_one_thing_that_moved_on_flat_ground_has_none(by_x: float, by_y: float) 
 
 
 @pytest.mark.slow
-def test_a_round_field_of_view_is_black_around_and_known_within() -> None:
-    """More than half of the pixels are exactly alike in both."""
-    pair = depth_pair(plates(), NEAR, ASIDE)
-    y, x = np.indices(FRAME)
-    field = (y - 89.5) ** 2 + (x - 119.5) ** 2 < 80**2
-    assert field.mean() < 0.5
-    reference, followup = (np.where(field, one, np.float32(0)) for one in photographs(pair))
-    pose = register_images(*photographs(pair)).pose
-    found = find_parallax(reference, followup, pose)
-    # To tell of none is no error; to tell of one that is not there is.
-    if found is None:
-        return
+def test_what_both_show_black_does_not_hide_the_parallax_of_the_rest() -> None:
+    """A part of the frame that no light reaches, more than half of it, exactly alike in both."""
+    pair = depth_pair(plates(), NEAR, TILTED)
+    lit = np.zeros(FRAME, dtype=np.bool_)
+    lit[:, 130:] = True
+    whole = photographs(pair)
+    dark = tuple(np.where(lit, one, np.float32(0)) for one in whole)
+    # By features, 250 of 258 tell of it.
+    found = known(find_parallax(dark[0], dark[1], register_images(*whole).pose))
     one = Case(pair=pair, found=found)
-    assert np.isfinite(found.pose.followup_places_px()).all()
-    middle = (y - 89.5) ** 2 + (x - 119.5 + 30) ** 2 < 40**2
-    assert np.median(one.errors_px[middle & one.seen & pair.is_seen]) < 0.15
+    both = one.seen & pair.is_seen & one.inside
+    # Away from the shadow's edge, which moves with the camera.
+    both[:, : 130 + 16] = False
+    assert np.median(one.errors_px[both]) < 0.15
+    assert np.percentile(one.errors_px[both], 95) < 0.5
 
 
 def test_a_pose_that_reduces_at_both_centres_ends() -> None:

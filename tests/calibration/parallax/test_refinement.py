@@ -5,13 +5,12 @@ Waves of 8 px and longer: the lens's blur leaves little of shorter ones.
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibration.parallax._matching import AlignedViews
-from calibration.parallax._refinement import in_own_light, refined_parallax, shifted_along
+from calibration.parallax._refinement import in_own_light, refined_parallax
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 from tests.calibration.parallax.test_matching import views_of
 
@@ -46,8 +45,8 @@ def start(parallax_px: FloatArray | float) -> Float32Array:
     return np.asarray(np.rint(parallax_px + np.zeros(FRAME)), dtype=np.float32)
 
 
-@pytest.mark.parametrize("fraction", [0.1, 0.25, 0.5, 0.7, 0.9])
-@pytest.mark.parametrize("angle_deg", [0, 90, 217])
+@pytest.mark.parametrize("fraction", [0.2, 0.5, 0.7])
+@pytest.mark.parametrize("angle_deg", [0, 217])
 def test_a_fraction_of_a_pixel_is_found(fraction: float, angle_deg: int) -> None:
     angle = np.deg2rad(angle_deg)
     for parallax_px in (2 + fraction, -3 - fraction):
@@ -133,16 +132,6 @@ def test_stated_errors_are_those_of_white_noise(sigma: float, to: tuple[float, f
     assert 1 / 1.5 / 1.2 < ratio < 1.5 * 1.2
 
 
-@pytest.mark.slow
-def test_stated_errors_grow_as_the_noise_does() -> None:
-    stated = [
-        np.median(refined_parallax(noisy(views_at(1.35), sigma, 1), start(1.35), ALL)[1][INNER])
-        for sigma in (0.05, 0.1, 0.2)
-    ]
-    # The scatter of 4,500 pixels is known to 2 %, of which interpolation is a part at the least.
-    np.testing.assert_allclose(np.divide(stated[1:], stated[:-1]), 2.0, rtol=0.1)
-
-
 def test_what_is_not_matched_does_not_count() -> None:
     views, matched = views_at(2.4), ALL.copy()
     matched[30:50, 40:60] = False
@@ -159,12 +148,6 @@ def test_what_is_not_matched_does_not_count() -> None:
     np.testing.assert_allclose(found[beside], 2.4, atol=0.15)
     beside[20:60, 30:70] = False
     np.testing.assert_allclose(found[beside], 2.4, atol=0.05)
-
-
-def test_without_a_match_nothing_is_known() -> None:
-    found, error, _ = refined_parallax(views_at(2.0), start(2.0), ~ALL)
-    np.testing.assert_array_equal(found, 2.0)
-    assert np.isinf(error).all()
 
 
 @settings(max_examples=10)
@@ -185,14 +168,3 @@ def test_what_shows_nothing_is_0_in_its_own_light_and_hides_nothing_beside() -> 
     )
     np.testing.assert_array_equal(one, two)
     assert not one[~shown].any()
-
-
-def test_an_image_is_shifted_to_where_its_pixels_lie() -> None:
-    views = views_of(X, X, (0.6, 0.8))
-    image = (2 * X + 3 * Y).astype(np.float32)
-    by_5 = np.full(FRAME, 5.0, dtype=np.float32)
-    shifted = shifted_along(image, views, by_5, cv2.INTER_LINEAR)
-    # The last of these rows and columns end at the border to rounding.
-    np.testing.assert_allclose(shifted[:-5, :-4], (image + 2 * 3 + 3 * 4)[:-5, :-4], rtol=1e-5)
-    assert np.isnan(shifted[-4:]).all()
-    assert np.isnan(shifted[:, -3:]).all()
