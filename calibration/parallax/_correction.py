@@ -52,7 +52,7 @@ class _Places:
         size = max(float(np.ptp(x_px)), float(np.ptp(y_px)), 1.0) / 2
         x, y = (x_px - middle_x) / size, (y_px - middle_y) / size
         away, down = epipole[0] - epipole[2] * x_px, epipole[1] - epipole[2] * y_px
-        length = np.maximum(np.hypot(away, down), 1e-12) * (1.0 if epipole[2] >= 0 else -1.0)
+        length = np.maximum(np.hypot(away, down), 1e-12)
         right_x, right_y = -down / length, away / length
         places = (x, y, np.ones_like(x))
         terms = [

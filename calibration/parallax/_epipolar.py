@@ -35,6 +35,9 @@ _REACH = 0.08
 _GUIDED_PX = 2.5
 """And how far from its line, once that is known."""
 
+_LEAST_OFF_PLANE = 0.1
+"""Of what is off the plane, the share that must agree: wrong matches do by chance, a few of 100."""
+
 _CELLS = 8
 _LEAST_CELLS = 0.15
 """Share of the cells with matches in which some are displaced: a thing that moved is in few."""
@@ -93,10 +96,12 @@ class EpipolarGeometry:
 
 
 def _towards(epipole: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors from points (n, 2) to the epipole; at infinity, all the same."""
-    sign = 1.0 if epipole[2] >= 0 else -1.0
-    x = sign * (epipole[0] - epipole[2] * points[:, 0])
-    y = sign * (epipole[1] - epipole[2] * points[:, 1])
+    """Unit vectors from points (n, 2) to an epipole whose last coordinate is not negative.
+
+    Beyond infinity they go on as they were, away from it: a correction turns none of them round.
+    """
+    x = epipole[0] - epipole[2] * points[:, 0]
+    y = epipole[1] - epipole[2] * points[:, 1]
     length = np.maximum(np.hypot(x, y), 1e-12)
     return x / length, y / length
 
@@ -352,7 +357,8 @@ def _compatible_plane(
     matrix = np.asarray(matrix / matrix[2, 2], dtype=np.float64)
     # In the plane's own frame both epipoles are this one.
     epipole = np.linalg.solve(matrix, there)
-    return np.asarray(matrix), np.asarray(epipole / np.linalg.norm(epipole))
+    epipole = epipole / np.linalg.norm(epipole)
+    return matrix, np.asarray(epipole if epipole[2] >= 0 else -epipole, dtype=np.float64)
 
 
 def _tells_of_depth(own: FloatArray, near: BoolArray, parallax: FloatArray) -> bool:
@@ -361,5 +367,8 @@ def _tells_of_depth(own: FloatArray, near: BoolArray, parallax: FloatArray) -> b
     cell = np.clip(((own - low) / np.maximum(high - low, 1e-9) * _CELLS).astype(int), 0, _CELLS - 1)
     number = cell[:, 1] * _CELLS + cell[:, 0]
     with_matches = np.unique(number[near])
-    displaced = near & (np.abs(parallax) > _DISPLACED_PX)
+    off_plane = np.abs(parallax) > _DISPLACED_PX
+    displaced = near & off_plane
+    if np.count_nonzero(displaced) < _LEAST_OFF_PLANE * np.count_nonzero(off_plane):
+        return False
     return len(np.unique(number[displaced])) >= _LEAST_CELLS * len(with_matches)

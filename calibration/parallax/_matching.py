@@ -18,6 +18,9 @@ from simulation.compiled import compiled, compiled_part
 CensusCodes = NDArray[np.uint64]
 Costs = NDArray[np.uint8]
 
+_SMOOTHED_PX = 1
+"""Reach of the smoothing before it."""
+
 _CENSUS_ROWS, _CENSUS_COLS = 3, 4
 """To either side of the middle: 62 neighbours."""
 
@@ -27,8 +30,8 @@ _STEP_COST, _JUMP_COST = 10, 120
 _OUTSIDE_COST = 31
 """Of a place beyond the photograph: as of one that has nothing in common."""
 
-_LEFT_OUT_COST = 31
-_BLOCK_PX = 8
+_HELD_OUT_PX, HELD_OUT_PERIOD_PX = 8, 24
+"""Side and distance of blocks that are not looked at; nor is what sees them through the census."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -74,8 +77,8 @@ class MatchedViews:
     """Parallax of either view's pixels in whole px, and of the target's held-out blocks.
 
     ``target, source``: towards the epipole from the target to the source, shape ``(rows, cols)``,
-    each on its own pixels. ``held_out``: the target's, of which every other block was not looked
-    at, as ``is_held_out`` marks them.
+    each on its own pixels. ``held_out``: the target's, of which some blocks were not looked at, as
+    ``is_held_out`` marks them.
     """
 
     target: Float32Array
@@ -86,36 +89,31 @@ class MatchedViews:
 
 def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedViews:
     """Match along the epipolar lines, from the least parallax to the most."""
-    target, source = _census(views.target), _census(views.source)
+    codes = np.stack([_census(views.target), _census(views.source)])
+    shown = np.stack([views.is_target, views.is_source])
+    along = np.stack([views.to_y, views.to_x])
     count = most_px - least_px + 1
     rows, cols = np.indices(views.target.shape)
-    is_held_out = (rows // _BLOCK_PX + cols // _BLOCK_PX) % 2 == 1
+    is_held_out = np.asarray(
+        (rows % HELD_OUT_PERIOD_PX < _HELD_OUT_PX) & (cols % HELD_OUT_PERIOD_PX < _HELD_OUT_PX)
+    )
+    reach = np.ones(
+        (2 * (_CENSUS_ROWS + _SMOOTHED_PX) + 1, 2 * (_CENSUS_COLS + _SMOOTHED_PX) + 1), np.uint8
+    )
+    looks_there = cv2.dilate(is_held_out.astype(np.uint8), reach).astype(np.bool_)
 
     def of_target(left_out: BoolArray) -> Float32Array:
-        shown = views.is_target & ~left_out
-        cost = _costs(
-            target, source, shown, views.is_source, views.to_x, views.to_y, least_px, count
-        )
-        return _least(cost, least_px)
+        seen = np.stack([views.is_target & ~left_out, views.is_source])
+        return _least(_costs(codes, seen, along, least_px, count), least_px)
 
     def of_source() -> Float32Array:
         # From the source's pixels the target lies the other way.
-        cost = _costs(
-            source,
-            target,
-            views.is_source,
-            views.is_target,
-            -views.to_x,
-            -views.to_y,
-            least_px,
-            count,
-        )
-        return _least(cost, least_px)
+        return _least(_costs(codes[::-1], shown[::-1], -along, least_px, count), least_px)
 
     with ThreadPoolExecutor(2) as both:
         there = both.submit(of_source)
         own = of_target(np.zeros_like(views.is_target))
-        held_out = of_target(is_held_out)
+        held_out = of_target(looks_there)
         return MatchedViews(
             target=own, source=there.result(), held_out=held_out, is_held_out=is_held_out
         )
@@ -123,7 +121,7 @@ def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedView
 
 def _census(image: Float32Array) -> CensusCodes:
     """A bit for each neighbour that is brighter, shape ``(rows, cols)``."""
-    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), 0.6), dtype=np.float32)
+    smooth = np.asarray(cv2.GaussianBlur(image, (2 * _SMOOTHED_PX + 1,) * 2, 0.6), dtype=np.float32)
     top, left = _CENSUS_ROWS, _CENSUS_COLS
     padded = cv2.copyMakeBorder(smooth, top, top, left, left, cv2.BORDER_REFLECT_101)
     return _codes(np.asarray(padded, dtype=np.float32))
@@ -161,28 +159,24 @@ def _bits(code: np.uint64) -> np.uint64:
 
 @compiled(nogil=True)
 def _costs(
-    own: CensusCodes,
-    other: CensusCodes,
-    is_own: BoolArray,
-    is_other: BoolArray,
-    to_x: Float32Array,
-    to_y: Float32Array,
-    least_px: int,
-    count: int,
+    codes: CensusCodes, shown: BoolArray, along: Float32Array, least_px: int, count: int
 ) -> Costs:
-    """Neighbours that differ, at each parallax, shape ``(rows, cols, count)``."""
-    rows, cols = own.shape
+    """Neighbours that differ, at each parallax, shape ``(rows, cols, count)``.
+
+    ``codes, shown``: of a view and of the other one, shape ``(2, rows, cols)``. ``along``: its
+    lines, ``(y, x)``.
+    """
+    rows, cols = codes.shape[1:]
     costs = np.full((rows, cols, count), _OUTSIDE_COST, dtype=np.uint8)
     for row in range(rows):
         for col in range(cols):
-            if not is_own[row, col]:
+            if not shown[0, row, col]:
                 continue
             for k in range(count):
-                along = least_px + k
-                y = int(np.floor(row + along * to_y[row, col] + 0.5))
-                x = int(np.floor(col + along * to_x[row, col] + 0.5))
-                if 0 <= y < rows and 0 <= x < cols and is_other[y, x]:
-                    costs[row, col, k] = _bits(own[row, col] ^ other[y, x])
+                y = int(np.floor(row + (least_px + k) * along[0, row, col] + 0.5))
+                x = int(np.floor(col + (least_px + k) * along[1, row, col] + 0.5))
+                if 0 <= y < rows and 0 <= x < cols and shown[1, y, x]:
+                    costs[row, col, k] = _bits(codes[0, row, col] ^ codes[1, y, x])
     return costs
 
 

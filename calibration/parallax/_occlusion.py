@@ -171,6 +171,8 @@ def filled_holes(
     holes = (~known).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(holes, connectivity=4)
     most = _MOST_HOLE_SHARE * known.size
+    inner = shown.copy()
+    inner[:1] = inner[-1:] = inner[:, :1] = inner[:, -1:] = False
     for number in range(1, count):
         left, top, width, height, area = stats[number].tolist()
         if not _LEAST_HOLE_PX <= area <= most:
@@ -180,10 +182,12 @@ def filled_holes(
             max(top - reach, 0) : top + height + reach, max(left - reach, 0) : left + width + reach
         ]
         own = labels[part] == number
-        if not shown[part][own].all():
+        window = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
+        around = cv2.dilate(own.astype(np.uint8), window).astype(np.bool_)
+        # Beside a border nothing says what is on its other side.
+        if not inner[part][around].all():
             continue
-        around = cv2.dilate(own.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-        ring = around.astype(np.bool_) & known[part]
+        ring = around & known[part]
         level = _one_surface(parallax_px[part], ring)
         if level is not None:
             filled[part][own] = level[own]

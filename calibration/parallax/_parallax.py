@@ -8,7 +8,12 @@ import numpy as np
 
 from calibration.parallax._correction import correction_of_pixels
 from calibration.parallax._epipolar import EpipolarGeometry, find_geometry
-from calibration.parallax._matching import AlignedViews, MatchedViews, match_views
+from calibration.parallax._matching import (
+    HELD_OUT_PERIOD_PX,
+    AlignedViews,
+    MatchedViews,
+    match_views,
+)
 from calibration.parallax._occlusion import (
     filled_holes,
     filled_surface,
@@ -17,7 +22,13 @@ from calibration.parallax._occlusion import (
     known_surface,
     matched_both_ways,
 )
-from calibration.parallax._refinement import in_own_light, refined_parallax, shifted_along
+from calibration.parallax._refinement import (
+    in_own_light,
+    refined_parallax,
+    seen_at,
+    shifted_along,
+    spline_of,
+)
 from calibration.registration import DistortedPose, PixelParallax
 from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array
@@ -31,8 +42,7 @@ _BEYOND_SHARE, _BEYOND_PX = 0.25, 3
 
 _MOST_PX = 160
 _EXTREMES = (0.5, 99.5)
-_BLOCK_PX = 8
-_LEAST_GAIN, _SURE_SD = 0.05, 5.0
+_LEAST_GAIN, _SURE_SD = 0.05, 2.5
 """Share of what differs in held-out blocks that parallax must explain, and its standard errors."""
 
 _TRIMMED_SD = 6.0
@@ -75,7 +85,7 @@ class Parallax(ByValue):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Surface:
-    """Parallax of one view's pixels, its error, where it was matched, and where it is that of a surface."""
+    """Parallax of one view's pixels, its error, where it is known, and that of a surface."""
 
     parallax_px: Float32Array
     error_px: Float32Array
@@ -89,13 +99,18 @@ def find_parallax(reference: AnyArray, followup: AnyArray, pose: DistortedPose) 
     ``reference, followup``: grey, shape ``(rows, cols)``. ``pose``: of a plane that explains most
     of the scene, or some.
     """
-    if pose.zoom < 1:
-        found = find_parallax(followup, reference, pose.inverse())
-        return None if found is None else replace(found, pose=found.pose.inverse())
-    geometry = find_geometry(reference, followup, pose)
+    if pose.zoom >= 1:
+        return _parallax_of(followup, reference, pose)
+    found = _parallax_of(reference, followup, pose.inverse())
+    return None if found is None else replace(found, pose=found.pose.inverse())
+
+
+def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Parallax | None:
+    """Parallax of the target's pixels, in the source."""
+    geometry = find_geometry(source, target, pose)
     if geometry is None:
         return None
-    source, target = (np.asarray(image, dtype=np.float32) for image in (reference, followup))
+    source, target = (np.asarray(image, dtype=np.float32) for image in (source, target))
     views = _aligned(target, source, geometry)
     least, most = np.percentile(geometry.parallax_px[geometry.near], _EXTREMES).tolist()
     factor = max(ceil(sqrt(target.size / _MATCHED_ON_PX)), 1)
@@ -149,7 +164,7 @@ def _aligned(
     if softer_px > 0.1:
         source = np.asarray(cv2.GaussianBlur(source, (0, 0), softer_px), dtype=np.float32)
     to_y, to_x = (at.astype(np.float32) for at in pose.followup_places_px())
-    seen = cv2.remap(source, to_x, to_y, cv2.INTER_CUBIC, borderValue=(np.nan,) * 4)
+    seen = seen_at(spline_of(source), to_y, to_x)
     is_source = np.isfinite(seen)
     is_target = np.isfinite(target)
     rows, cols = target.shape
@@ -263,8 +278,12 @@ def _held_out_gain(views: AlignedViews, matched: MatchedViews, factor: int) -> t
     counts = held_out & views.is_target & views.is_source & np.isfinite(bent)
     if not counts.any():
         return 0.0, 0.0
-    most = np.float32(_TRIMMED_SD * robust_sigma((target - source)[counts]))
-    block = _BLOCK_PX * factor
+    apart = (target - source)[counts]
+    if not apart.any():
+        return 0.0, 0.0
+    # Where nothing is seen, nothing differs: that says nothing of the scatter.
+    most = np.float32(_TRIMMED_SD * robust_sigma(apart[apart != 0]))
+    block = HELD_OUT_PERIOD_PX * factor
     rows, cols = (n // block for n in shape)
 
     def by_block(image: Float32Array) -> Float32Array:
@@ -276,5 +295,6 @@ def _held_out_gain(views: AlignedViews, matched: MatchedViews, factor: int) -> t
     better = (before - after)[by_block(np.ones_like(plane)) > 0]
     if total <= 0 or len(better) < 2:
         return 0.0, 0.0
-    spread = float(better.std()) * sqrt(len(better))
+    # Where a plane is as good, a block is better or worse by chance.
+    spread = float(np.sqrt(np.sum(np.square(better), dtype=np.float64)))
     return float(better.sum()) / total, float(better.sum()) / max(spread, 1e-30)

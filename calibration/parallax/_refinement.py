@@ -6,10 +6,12 @@ vision", IJCAI 1981, with one freedom a pixel. Neighbours on one surface share w
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from math import pi, sqrt
 from typing import Self
 
 import cv2
 import numpy as np
+from scipy.ndimage import map_coordinates, spline_filter
 
 from calibration.parallax._matching import AlignedViews
 from calibration.robust import robust_sigma
@@ -20,7 +22,7 @@ _LIGHT_PX = 12.0
 """Width over which a photograph is compared with its own mean and contrast."""
 
 _CONTRAST_FLOOR = 0.15
-"""Of the contrast's median over the frame: where there is none, noise is not made one."""
+"""Of the contrast's root mean square over the frame: where there is none, noise is not made one."""
 
 _ROUNDS = 4
 _SMOOTHING_PX = 0.7
@@ -39,6 +41,13 @@ _SAME_SURFACE_PX, _SAME_SLOPE = 0.6, 0.12
 _SLOPE_SD = 0.15
 """Of surfaces that are known by few details: standard deviation of the parallax's slope."""
 
+_LEAST_SCATTER = 1e-3
+"""Of levels in units of their contrast: where nothing is left at all."""
+
+_CORRELATED_ERR = sqrt(2 * pi) * _SMOOTHING_PX
+"""Factor of the errors: noise smoothed by s px is the same over 4 pi s^2 px, and weights by a
+Gaussian count half of these."""
+
 _MOST_STEP_PX = 0.7
 _PLACE_ERR_PX, _CONTRAST_ERR = 0.3, 0.2
 """What a match leaves that is one: of its place, and of the contrast around it, relative."""
@@ -55,7 +64,7 @@ def in_own_light(image: Float32Array, shown: BoolArray) -> Float32Array:
     mean = _blurred(known) / weight
     apart = np.where(shown, image - mean, np.float32(0))
     contrast = np.sqrt(_blurred(apart**2) / weight)
-    floor = _CONTRAST_FLOOR * float(np.median(contrast[shown])) if shown.any() else 1.0
+    floor = _CONTRAST_FLOOR * float(np.sqrt(np.mean(contrast[shown] ** 2))) if shown.any() else 1.0
     return np.asarray(apart / np.hypot(contrast, np.float32(max(floor, 1e-12))), dtype=np.float32)
 
 
@@ -78,6 +87,24 @@ def shifted_along(
             y + parallax_px * views.to_y,
             interpolation,
             borderValue=(np.nan,) * 4,
+        ),
+        dtype=np.float32,
+    )
+
+
+def spline_of(image: Float32Array) -> Float32Array:
+    """Coefficients of the cubic spline through an image.
+
+    OpenCV's cubic kernel reproduces no straight line: it displaces by up to .044 px.
+    """
+    return np.asarray(spline_filter(image, order=3, output=np.float32), dtype=np.float32)
+
+
+def seen_at(spline: Float32Array, y_px: Float32Array, x_px: Float32Array) -> Float32Array:
+    """Levels of an image between its pixels, by its spline; NaN outside."""
+    return np.asarray(
+        map_coordinates(
+            spline, [y_px, x_px], np.float32, order=3, mode="constant", cval=np.nan, prefilter=False
         ),
         dtype=np.float32,
     )
@@ -131,7 +158,7 @@ class SmoothedViews:
 
     views: AlignedViews
     target: Float32Array
-    source: Float32Array
+    source_spline: Float32Array
     slope_x: Float32Array
     slope_y: Float32Array
 
@@ -146,12 +173,21 @@ class SmoothedViews:
             np.asarray(cv2.Sobel(source, cv2.CV_32F, across, 1 - across, scale=1 / 8), np.float32)
             for across in (1, 0)
         )
-        return cls(views=views, target=target, source=source, slope_x=slope_x, slope_y=slope_y)
+        return cls(
+            views=views,
+            target=target,
+            source_spline=spline_of(source),
+            slope_x=slope_x,
+            slope_y=slope_y,
+        )
 
     def residuals(self, parallax_px: Float32Array, matched: BoolArray) -> Residuals:
         """What a parallax leaves of the matched pixels."""
         views = self.views
-        left = self.target - shifted_along(self.source, views, parallax_px, cv2.INTER_CUBIC)
+        rows, cols = parallax_px.shape
+        at_y, at_x = np.mgrid[0:rows, 0:cols].astype(np.float32)
+        at_y, at_x = at_y + parallax_px * views.to_y, at_x + parallax_px * views.to_x
+        left = self.target - seen_at(self.source_spline, at_y, at_x)
         x, y = (
             shifted_along(one, views, parallax_px, cv2.INTER_LINEAR)
             for one in (self.slope_x, self.slope_y)
@@ -159,7 +195,9 @@ class SmoothedViews:
         along, across = x * views.to_x + y * views.to_y, y * views.to_x - x * views.to_y
         counts = matched & np.isfinite(left) & np.isfinite(along)
         left, along, across = (np.where(counts, one, 0) for one in (left, along, across))
-        scatter = np.float32(max(robust_sigma(left[counts]), 1e-9) if counts.any() else 1.0)
+        scatter = np.float32(
+            max(robust_sigma(left[counts]), _LEAST_SCATTER) if counts.any() else 1.0
+        )
         left, along, across = left / scatter, along / scatter, across / scatter
         expected = 1 + _PLACE_ERR_PX**2 * (along**2 + across**2)
         expected += (_CONTRAST_ERR / scatter) ** 2 * self.target**2
@@ -199,12 +237,18 @@ def _surface_fit(
     level = p * moment(said, 0, 0) + q * moment(said, 1, 0) + r * moment(said, 0, 1)
     fitted = np.where(a > 0, level / whole, parallax)
     error = np.where(a > 0, np.sqrt(np.maximum(p, 0) / whole), np.float32(np.inf))
-    images = (parallax, information, said, _beside_jumps(parallax, counts), fitted, error)
+    images = np.stack([parallax, information, said])
+    found = np.stack([fitted, error]).astype(np.float32)
+    beside = _beside_jumps(parallax, counts)
     cut = parallax.shape[0] // 2
     with ThreadPoolExecutor(2) as halves:
-        for part in ((0, cut), (cut, parallax.shape[0])):
-            halves.submit(_fit_beside_jumps, *images, *part)
-    return fitted, error
+        parts = [
+            halves.submit(_fit_beside_jumps, images, beside, found, *rows)
+            for rows in ((0, cut), (cut, parallax.shape[0]))
+        ]
+        for part in parts:
+            part.result()
+    return found[0], np.float32(_CORRELATED_ERR) * found[1]
 
 
 def _beside_jumps(parallax: Float32Array, counts: BoolArray) -> BoolArray:
@@ -217,16 +261,14 @@ def _beside_jumps(parallax: Float32Array, counts: BoolArray) -> BoolArray:
 
 @compiled(nogil=True)
 def _fit_beside_jumps(
-    parallax: Float32Array,
-    information: Float32Array,
-    said: Float32Array,
-    beside: BoolArray,
-    fitted: Float32Array,
-    error: Float32Array,
-    first: int,
-    last: int,
+    images: Float32Array, beside: BoolArray, found: Float32Array, first: int, last: int
 ) -> None:
-    """The same with the neighbours alone that are on the pixel's surface, in place."""
+    """The same with the neighbours alone that are on the pixel's surface, in place, some rows.
+
+    ``images``: parallax, information, and what is said, shape ``(3, rows, cols)``. ``found``: fit
+    and error.
+    """
+    parallax, information, said = images[0], images[1], images[2]
     rows, cols = parallax.shape
     reach = _NARROW_PX
     ridge = np.float32(_SLOPE_SD**-2)
@@ -267,5 +309,5 @@ def _fit_beside_jumps(
             p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
             whole = a * p + b * q + c * r
             if whole > 0:
-                fitted[row, col] = (p * u + q * v + r * w) / whole
-                error[row, col] = np.sqrt(p / whole)
+                found[0, row, col] = (p * u + q * v + r * w) / whole
+                found[1, row, col] = np.sqrt(p / whole)

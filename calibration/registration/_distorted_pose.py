@@ -130,9 +130,9 @@ class PixelParallax(ByValue):
     """Displacement of each pixel of a photograph by the depth of what it sees.
 
     ``displaced_px``: from where a pixel is to where it would be seen if the scene were planar,
-    ``(y, x)``, shape (2, rows, cols). ``restored_px``: the way back, from there. ``is_seen``: pixels
-    of which the other photograph shows the same, shape ``(rows, cols)``. ``is_seen_back``: the same
-    of the other photograph's pixels, where the plane has them.
+    ``(y, x)``, shape (2, rows, cols). ``restored_px``: the way back, from there. ``is_seen``:
+    pixels of which the other photograph shows the same, shape ``(rows, cols)``. ``is_seen_back``:
+    the same of the other photograph's pixels, where the plane has them.
     """
 
     displaced_px: Float32Array = field(repr=False)

@@ -141,10 +141,9 @@ def test_lines_that_meet_in_the_frame_are_followed() -> None:
     assert np.mean(found.target[counts] == -4) > 0.9
 
 
-def test_every_other_block_is_left_out_and_follows_from_its_neighbours() -> None:
+def test_blocks_are_left_out_and_follow_from_their_neighbours() -> None:
     found = match_views(shifted_views(5), -8, 8)
-    rows, cols = np.indices(FRAME)
-    np.testing.assert_array_equal(found.is_held_out, (rows // 8 + cols // 8) % 2 == 1)
+    assert 0.08 < found.is_held_out.mean() < 0.16
     np.testing.assert_array_equal(found.held_out[INNER], 5)
 
 

@@ -5,6 +5,7 @@ Waves of 8 px and longer: the lens's blur leaves little of shorter ones.
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -71,7 +72,9 @@ def test_a_displacement_of_whole_pixels_without_noise_is_exact(parallax_px: floa
         dark = replace(views, target=target, source=source)
         found, error, _ = refined_parallax(dark, start(parallax_px), ALL)
         assert not np.isnan(error).any()
-        np.testing.assert_allclose(found[INNER], parallax_px, atol=1e-3)
+        # Of what is black nothing is known.
+        textured = cv2.erode(seen.astype(np.uint8), np.ones((15, 15), np.uint8))[INNER] > 0
+        np.testing.assert_allclose(found[INNER][textured], parallax_px, atol=1e-3)
 
 
 @pytest.mark.parametrize("off_px", [-0.5, 0.5])
