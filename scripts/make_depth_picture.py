@@ -16,7 +16,7 @@ from simulation.arrays import FloatImage
 
 _TILT_DEG, _BEARING_DEG, _PARALLAX_PX, _BASELINE = 8.0, 30.0, 30.0, 0.14
 _NOISE_DN, _SPOT_DN, _SPOT_SIGMA_PX = 1.0, 30.0, 3.0
-_SPOTS = ((110.0, 60.0), (215.0, 60.0), (150.0, 225.0))
+_SPOTS = ((110.0, 60.0), (60.0, 90.0), (250.0, 120.0))
 """Rows and columns of what is painted on the follow-up."""
 
 _REACH_DN = 25.0

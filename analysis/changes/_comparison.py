@@ -244,6 +244,8 @@ class _Matched:
         variance = self.terms.variance(self.fit.sizes, self.floor_dn2)
         if self.pair.tone_variance_dn2 is not None:
             variance += self.pair.tone_variance_dn2
+        if self.pair.place_err_px is not None:
+            variance += self.terms.others[0] * self.pair.place_err_px**2
         return variance
 
     @property

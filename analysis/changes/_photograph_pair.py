@@ -236,7 +236,8 @@ class PhotographPair:
     ``tone_variance_dn2``: variance of that curve at the pixels. ``source_variance_dn2,
     target_variance_dn2``: variance of their pixels, where it is known. ``source_steps_dn2,
     target_steps_dn2``: their variance by the steps of their files, where it is known. ``is_seen``:
-    target's pixels of which both show the same, of scenes with depth.
+    target's pixels of which both show the same, of scenes with depth; ``place_err_px``: how far
+    they may be from their places in the source, in the target's pixels.
     """
 
     is_on_followup: bool
@@ -255,6 +256,7 @@ class PhotographPair:
     source_steps_dn2: Float32Array | None = field(default=None, repr=False)
     target_steps_dn2: Float32Array | None = field(default=None, repr=False)
     is_seen: BoolArray | None = field(default=None, repr=False)
+    place_err_px: Float32Array | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -305,6 +307,9 @@ class PhotographPair:
             source_steps_dn2=steps[0],
             target_steps_dn2=steps[1],
             is_seen=of_target.followup_seen(),
+            place_err_px=None
+            if of_target.parallax is None or of_target.parallax.photograph != "followup"
+            else of_target.parallax.error_px,
         )
         if not pair._is_of_two_levels or pair._has_like_outlines:
             return pair

@@ -37,6 +37,11 @@ _MOST_OF_RING: Final = 0.8
 """Share of the pixels around a hole that one plane must explain."""
 
 _GUARD_PX: Final = 2
+_AROUND_PX, _SPREAD_SHARE = 13, 0.1
+"""Window, and the share of the parallax's range in it by which a pixel may be off."""
+
+_INTERPOLATED_PX: Final = 0.3
+"""And that of a pixel which was not matched."""
 
 
 def matched_both_ways(own: Float32Array, other: Float32Array, views: AlignedViews) -> BoolArray:
@@ -220,6 +225,17 @@ def hidden_in_other(
     there = shifted_along(other, views, own, cv2.INTER_NEAREST)
     sure = shifted_along(is_other_sure.astype(np.float32), views, own, cv2.INTER_NEAREST)
     return np.asarray((sure > 0) & (np.abs(there - own) > _TWO_WAY_PX))
+
+
+def place_error(parallax_px: Float32Array, error_px: Float32Array) -> Float32Array:
+    """How far pixels may be from their places: by noise, and by how much the surface varies around.
+
+    Beside a jump, and on a steep slope, neighbours are of other depths than a pixel itself.
+    """
+    around = np.ones((_AROUND_PX, _AROUND_PX), dtype=np.uint8)
+    spread = cv2.dilate(parallax_px, around) - cv2.erode(parallax_px, around)
+    measured = np.where(np.isfinite(error_px), error_px, np.float32(_INTERPOLATED_PX))
+    return np.asarray(np.hypot(measured, np.float32(_SPREAD_SHARE) * spread), dtype=np.float32)
 
 
 def guarded(is_seen: BoolArray, parallax_px: Float32Array) -> BoolArray:

@@ -21,6 +21,7 @@ from calibration.parallax._occlusion import (
     hidden_in_other,
     known_surface,
     matched_both_ways,
+    place_error,
 )
 from calibration.parallax._refinement import (
     in_own_light,
@@ -140,6 +141,7 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
         restored_px=np.stack([-other.parallax_px * lit.to_y, -other.parallax_px * lit.to_x]),
         is_seen=guarded(is_seen, own.parallax_px),
         is_seen_back=guarded(is_seen_back, other.parallax_px),
+        error_px=place_error(own.parallax_px, own.error_px),
         photograph="followup",
     )
     unknown = np.float32(np.nan)

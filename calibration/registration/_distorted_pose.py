@@ -132,13 +132,15 @@ class PixelParallax(ByValue):
     ``displaced_px``: from where a pixel is to where it would be seen if the scene were planar,
     ``(y, x)``, shape (2, rows, cols). ``restored_px``: the way back, from there. ``is_seen``:
     pixels of which the other photograph shows the same, shape ``(rows, cols)``. ``is_seen_back``:
-    the same of the other photograph's pixels, where the plane has them.
+    the same of the other photograph's pixels, where the plane has them. ``error_px``: how far a
+    pixel may be from where it is restored, a standard deviation.
     """
 
     displaced_px: Float32Array = field(repr=False)
     restored_px: Float32Array = field(repr=False)
     is_seen: BoolArray = field(repr=False)
     is_seen_back: BoolArray = field(repr=False)
+    error_px: Float32Array = field(repr=False)
     photograph: Literal["reference", "followup"]
 
     def displaced(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -175,6 +177,7 @@ class PixelParallax(ByValue):
             restored_px=self.restored_px[..., ::-1] * signs,
             is_seen=self.is_seen[:, ::-1],
             is_seen_back=self.is_seen_back[:, ::-1],
+            error_px=self.error_px[:, ::-1],
         )
 
 

@@ -11,6 +11,7 @@ from calibration.parallax._occlusion import (
     hidden_in_other,
     known_surface,
     matched_both_ways,
+    place_error,
 )
 from simulation.arrays import BoolArray, Float32Array
 from tests.calibration.parallax.test_matching import views_of
@@ -188,3 +189,15 @@ def test_a_guard_band_surrounds_what_is_not_seen_and_jumps() -> None:
     # The jump's own two columns, and 2 px at either side.
     np.testing.assert_array_equal(beside, (COLS < 27) | (COLS >= 33))
     assert guarded(~NONE, steps(0.0, 1.4)).all()
+
+
+def test_a_pixel_is_as_far_off_as_its_error_and_more_beside_a_jump() -> None:
+    parallax = np.zeros((20, 40), dtype=np.float32)
+    parallax[:, 20:] = 10.0
+    error = np.full(parallax.shape, 0.05, dtype=np.float32)
+    error[3, 3] = np.inf
+    found = place_error(parallax, error)
+    np.testing.assert_allclose(found[10, [5, 35]], 0.05, rtol=1e-6)
+    # Interpolated, and a tenth of the jump's 10 px.
+    np.testing.assert_allclose(found[3, 3], 0.3, rtol=1e-6)
+    np.testing.assert_allclose(found[10, [16, 23]], np.hypot(0.05, 1.0), rtol=1e-6)

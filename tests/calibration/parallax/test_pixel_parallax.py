@@ -39,6 +39,7 @@ def linear(slope: FloatArray, offset: tuple[float, float], role: Role) -> PixelP
         restored_px=restored.astype(np.float32),
         is_seen=np.asarray(left),
         is_seen_back=np.asarray(right),
+        error_px=np.zeros(left.shape, dtype=np.float32),
         photograph=role,
     )
 
