@@ -43,7 +43,7 @@ def main(path: Path) -> None:
     if found.parallax is None:
         raise SystemExit("no depth was found")
     low, high = np.nanpercentile(found.parallax.parallax_px, [1, 99])
-    shares = [
+    shares: list[FloatImage] = [
         before / 255,
         after / 255,
         *(
@@ -52,8 +52,8 @@ def main(path: Path) -> None:
         ),
         (found.parallax.parallax_px - low) / (high - low),
     ]
-    gap = np.full((after.shape[0], 8), 255, dtype=np.uint8)
-    row = [part for share in shares for part in (_bytes(share), gap)][:-1]
+    gap: NDArray[np.uint8] = np.full((after.shape[0], 8), 255, dtype=np.uint8)
+    row: list[NDArray[np.uint8]] = [part for share in shares for part in (_bytes(share), gap)][:-1]
     cv2.imwrite(str(path), np.hstack(row), [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
