@@ -53,8 +53,10 @@ def main(path: Path) -> None:
         (found.parallax.parallax_px - low) / (high - low),
     ]
     gap: NDArray[np.uint8] = np.full((after.shape[0], 8), 255, dtype=np.uint8)
-    row: list[NDArray[np.uint8]] = [part for share in shares for part in (_bytes(share), gap)][:-1]
-    cv2.imwrite(str(path), np.hstack(row), [cv2.IMWRITE_JPEG_QUALITY, 85])
+    drawn: list[NDArray[np.uint8]] = [part for share in shares for part in (_bytes(share), gap)][
+        :-1
+    ]
+    cv2.imwrite(str(path), np.hstack(drawn), [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
 if __name__ == "__main__":
