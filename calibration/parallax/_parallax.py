@@ -212,7 +212,7 @@ def _surfaces(
     found = []
     for whole, reduced, both in ((views, small, matched), (back, small_back, turned)):
         rough, agrees = _rough(whole, reduced, both, factor)
-        parallax, error, unlike = refined_parallax(whole, rough, agrees)
+        parallax, error, unlike = refined_parallax(whole, rough, agrees, coarse_px=factor)
         known = known_surface(parallax, agrees, unlike)
         parallax, is_hole = filled_holes(parallax, known, whole.is_target & whole.is_source)
         known |= is_hole

@@ -49,6 +49,10 @@ _CORRELATED_ERR = sqrt(2 * pi) * _SMOOTHING_PX
 Gaussian count half of these."""
 
 _MOST_STEP_PX = 0.7
+_STRAYED_PX, _STRAYED_IS_UNLIKE = 0.5, 100.0
+"""How far the parallax may end from that of the match, and its half pixel; and how unlike it is
+then."""
+
 _PLACE_ERR_PX, _CONTRAST_ERR = 0.3, 0.2
 """What a match leaves that is one: of its place, and of the contrast around it, relative."""
 
@@ -111,11 +115,15 @@ def seen_at(spline: Float32Array, y_px: Float32Array, x_px: Float32Array) -> Flo
 
 
 def refined_parallax(
-    views: AlignedViews, parallax_px: Float32Array, matched: BoolArray, rounds: int = _ROUNDS
+    views: AlignedViews,
+    parallax_px: Float32Array,
+    matched: BoolArray,
+    rounds: int = _ROUNDS,
+    coarse_px: int = 1,
 ) -> tuple[Float32Array, Float32Array, Float32Array]:
     """Parallax, its standard error, and how unlike the levels are, in units of what is expected.
 
-    ``views``: in their own light. ``parallax_px``: to a pixel, where ``matched``.
+    ``views``: in their own light. ``parallax_px``: where ``matched``, to a pixel of ``coarse_px``.
     """
     found = parallax_px.copy()
     error = np.full(found.shape, np.inf, dtype=np.float32)
@@ -132,7 +140,10 @@ def refined_parallax(
         said = (seen.weight * along * left).astype(np.float32) + information * found
         fitted, error = _surface_fit(found, information, said, seen.counts)
         found += np.clip(fitted - found, -_MOST_STEP_PX, _MOST_STEP_PX) * seen.counts
-    return found, error, unlike
+    # On one surface, what has strayed from its match follows something that has none.
+    strayed = np.abs(found - parallax_px) > _STRAYED_PX + 0.5 * coarse_px
+    strayed &= ~_beside_jumps(parallax_px, matched, _SEVERAL_PX + coarse_px)
+    return found, error, np.where(strayed, np.float32(_STRAYED_IS_UNLIKE), unlike)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -251,12 +262,14 @@ def _surface_fit(
     return found[0], np.float32(_CORRELATED_ERR) * found[1]
 
 
-def _beside_jumps(parallax: Float32Array, counts: BoolArray) -> BoolArray:
+def _beside_jumps(
+    parallax: Float32Array, counts: BoolArray, least_px: float = _SEVERAL_PX
+) -> BoolArray:
     """Pixels in whose window there is more than one surface."""
     window = np.ones((2 * _WINDOW_PX + 1, 2 * _WINDOW_PX + 1), dtype=np.uint8)
     most = cv2.dilate(np.where(counts, parallax, np.float32(-1e9)), window)
     least = cv2.erode(np.where(counts, parallax, np.float32(1e9)), window)
-    return np.asarray((most - least > _SEVERAL_PX) & counts)
+    return np.asarray((most - least > least_px) & counts)
 
 
 @compiled(nogil=True)
