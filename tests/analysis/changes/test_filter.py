@@ -264,7 +264,7 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
         *("gain_err", "extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
         *("registration_err_px", "width_err_px2", "psf_form", "changes", "moved", "moved_px"),
         *("least_dn", "below_least", "false_discovery_rate", "saturated_px", "kernel"),
-        *("detection_limit", "frame_px", "warnings", "provenance"),
+        *("detection_limit", "frame_px", "parallax", "warnings", "provenance"),
     ]
     px = int(result.valid.sum())
     assert repr(result).startswith(f"<ChangeResult: 0 changes, 0 of {px} px beyond ")
