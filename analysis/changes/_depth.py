@@ -9,6 +9,7 @@ import numpy as np
 from analysis.changes._comparison import Comparison, compare
 from analysis.changes._document import SceneParallax
 from analysis.changes._photograph_pair import ChangeOptions
+from analysis.errors import AnalysisError
 from calibration.parallax import Parallax, find_parallax
 from calibration.registration import DistortedPose
 from simulation import Psf, PsfField
@@ -25,14 +26,6 @@ _LEAST_ERR_PX: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DepthComparison:
-    """A comparison in which every pixel is at its depth."""
-
-    parallax: Parallax
-    compared: Comparison
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ParallaxMap(ByValue):
     """Parallax on the follow-up's pixels, shape ``(rows, cols)`` each.
 
@@ -46,7 +39,17 @@ class ParallaxMap(ByValue):
     is_hidden: BoolArray
 
 
-def followup_parallax(found: Parallax) -> ParallaxMap:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DepthComparison:
+    """A comparison in which every pixel is at its depth; ``figures``: of the parallax."""
+
+    pose: DistortedPose
+    compared: Comparison
+    parallax: ParallaxMap
+    figures: SceneParallax
+
+
+def _followup_parallax(found: Parallax) -> ParallaxMap:
     """Bring a parallax to the follow-up's pixels."""
     pose = found.pose
     depth, seen = pose.parallax, pose.followup_seen()
@@ -71,10 +74,8 @@ def followup_parallax(found: Parallax) -> ParallaxMap:
     )
 
 
-def scene_parallax(found: Parallax, seen: ParallaxMap | None) -> SceneParallax | None:
-    """Figures of a parallax; None where nothing of it is known."""
-    if seen is None or not np.isfinite(seen.parallax_px).any():
-        return None
+def _figures(found: Parallax, seen: ParallaxMap) -> SceneParallax:
+    """Figures of a parallax, of which something is known."""
     low, median, high = np.nanpercentile(seen.parallax_px, [1, 50, 99]).tolist()
     known = seen.error_px[np.isfinite(seen.error_px)]
     return SceneParallax(
@@ -82,12 +83,22 @@ def scene_parallax(found: Parallax, seen: ParallaxMap | None) -> SceneParallax |
         median_px=median,
         high_px=high,
         err_px=float(np.median(known)) if known.size else 0.0,
-        epipole=found.epipole_px,
+        epipole=_followup_epipole(found),
         features=found.matches,
         agreeing=found.agreeing,
         hidden_px=int(np.count_nonzero(seen.is_hidden)),
         held_out_gain=found.held_out_gain,
     )
+
+
+def _followup_epipole(found: Parallax) -> tuple[float, float, float]:
+    """The reference's camera as the follow-up sees it; a plane takes one epipole to the other."""
+    depth = found.pose.parallax
+    epipole = np.array(found.epipole_px)
+    if depth is not None and depth.photograph == "reference":
+        epipole = np.linalg.solve(found.pose.matrix, epipole)
+    x, y, w = (epipole / np.linalg.norm(epipole)).tolist()
+    return x, y, w
 
 
 def with_depth(
@@ -104,13 +115,19 @@ def with_depth(
     if options.flat or not _leaves_much(compared):
         return None
     reference, followup = photographs
-    parallax = find_parallax(reference, followup, pose)
-    if parallax is None:
+    found = find_parallax(reference, followup, pose)
+    if found is None:
         return None
-    again = compare(reference, followup, psf, parallax.pose, options)
-    if not _explains_more(again, compared):
+    parallax = _followup_parallax(found)
+    try:
+        again = compare(reference, followup, psf, found.pose, options)
+    except AnalysisError:  # so little is seen in both that nothing can be compared
         return None
-    return DepthComparison(parallax=parallax, compared=again)
+    if not (np.isfinite(parallax.parallax_px).any() and _explains_more(again, compared)):
+        return None
+    return DepthComparison(
+        pose=found.pose, compared=again, parallax=parallax, figures=_figures(found, parallax)
+    )
 
 
 def _leaves_much(compared: Comparison) -> bool:
@@ -123,6 +140,8 @@ def _explains_more(again: Comparison, compared: Comparison) -> bool:
     if again.is_on_followup != compared.is_on_followup:
         return True
     both = again.valid & compared.valid
+    if not both.any():
+        return False
     left, before = (
         float(np.mean(np.abs(one.difference_dn[both]), dtype=np.float64))
         for one in (again, compared)

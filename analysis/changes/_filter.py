@@ -9,12 +9,7 @@ import numpy as np
 
 from analysis.changes._change_list import large_enough, list_changes
 from analysis.changes._comparison import Comparison, compare
-from analysis.changes._depth import (
-    ParallaxMap,
-    followup_parallax,
-    scene_parallax,
-    with_depth,
-)
+from analysis.changes._depth import ParallaxMap, with_depth
 from analysis.changes._document import Change, ChangeSummary
 from analysis.changes._levels import LimitMaps, detection_levels, detection_limit
 from analysis.changes._photograph_pair import (
@@ -337,12 +332,13 @@ def changes_between(
     aligned = _aligned(reference, followup, psf, options)
     options = replace(options, colours=aligned.given.colours)
     compared = compare(*aligned.given.photographs, psf, aligned.pose, options, aligned.blur)
-    pose, depth = aligned.pose, None
+    pose, k1_err, depth = aligned.pose, aligned.k1_err, None
     if aligned.blur is None:
-        found = with_depth(aligned.given.photographs, psf, pose, options, compared)
-        if found is not None:
-            pose, depth, compared = found.parallax.pose, found, found.compared
-    seen = None if depth is None else followup_parallax(depth.parallax)
+        depth = with_depth(aligned.given.photographs, psf, pose, options, compared)
+    if depth is not None:
+        # What was fitted as the lens's distortion may have been parallax.
+        k1_err = k1_err if depth.pose.k1 == pose.k1 else None
+        pose, compared = depth.pose, depth.compared
     grid = _FollowupGrid.of(compared, pose)
     detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
@@ -356,9 +352,9 @@ def changes_between(
     known = options.noise is not None or any(one is not None for one in options.variance_dn2)
     summary = detected.summary(compared, masks, options).model_copy(
         update={
-            "distortion_k1_err": aligned.k1_err,
+            "distortion_k1_err": k1_err,
             "is_noise_known": known,
-            "parallax": None if depth is None else scene_parallax(depth.parallax, seen),
+            "parallax": None if depth is None else depth.figures,
             "psf_form": None if psf is None else psf.form,
             "moved_px": int(np.count_nonzero(is_moved)),
             "warnings": (
@@ -383,7 +379,7 @@ def changes_between(
         pose=pose,
         masks=masks,
         filter_widths=detected.widths,
-        parallax=seen,
+        parallax=None if depth is None else depth.parallax,
     )
 
 

@@ -75,7 +75,7 @@ def changes_report(
             verdict=" ".join(
                 [
                     f"{_comparison_sentence(summary)}.",
-                    *_told(summary, (*_DEPTH, *_LIMIT_AND_PREDICTION)),
+                    *_told(summary, (describe_depth, *_LIMIT_AND_PREDICTION)),
                 ]
             ),
             facts=(
@@ -91,7 +91,6 @@ def changes_report(
 
 _Describe: TypeAlias = Callable[[ChangeSummary], str | None]
 _LIMIT_AND_PREDICTION: tuple[_Describe, ...] = (describe_limit, describe_prediction)
-_DEPTH: tuple[_Describe, ...] = (describe_depth,)
 
 
 def _told(summary: ChangeSummary, those: Iterable[_Describe]) -> Iterator[str]:
@@ -312,7 +311,7 @@ def stored_changes_section(
         f"Changes: {name}",
         f"{summary.followup} against {summary.reference}: {count_text(len(summary.changes))}. "
         f"{_comparison_sentence(summary)}.",
-        *_told(summary, (*_DEPTH, *_LIMIT_AND_PREDICTION, describe_focus)),
+        *_told(summary, (describe_depth, *_LIMIT_AND_PREDICTION, describe_focus)),
         *(f"Warning: {warning}." for warning in summary.warnings),
         cut if len(summary.changes) > _STORED_LISTED else None,
         _list_table(summary.changes[:_STORED_LISTED]) if summary.changes else None,

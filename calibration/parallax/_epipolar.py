@@ -49,7 +49,6 @@ _TRIALS = 2000
 _ROUNDS = 8
 _LOCAL_ROUNDS = 4
 _SEED = 12
-_UNIT = np.eye(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,7 +76,7 @@ class EpipolarGeometry:
         points = np.column_stack([np.ravel(x_px), np.ravel(y_px)]).astype(np.float64)
         lens = _target_lens(self.pose)
         if lens[0] == 0:
-            to_x, to_y = self._ideal_directions(points)
+            to_x, to_y = _towards(self.epipole, points)
         else:
             step = 0.5
             ideal = [
@@ -85,14 +84,11 @@ class EpipolarGeometry:
                 for by in ((step, 0), (-step, 0), (0, step), (0, -step))
             ]
             (a, c), (b, d) = (ideal[0] - ideal[1]).T, (ideal[2] - ideal[3]).T
-            u, v = self._ideal_directions(ideal_points(lens, points))
+            u, v = _towards(self.epipole, ideal_points(lens, points))
             to_x, to_y = d * u - b * v, a * v - c * u
             length = np.maximum(np.hypot(to_x, to_y), 1e-12)
             to_x, to_y = to_x / length, to_y / length
         return to_x.reshape(np.shape(x_px)), to_y.reshape(np.shape(x_px))
-
-    def _ideal_directions(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return _towards(self.epipole, points)
 
 
 def _towards(epipole: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -129,17 +125,17 @@ def find_geometry(
 
     ``source, target``: grey, shape ``(rows, cols)``. ``pose``: of the target in the source.
     """
+    expected = pose.nearest_homography()
     for is_closer_look in (False, True):
         own, other = (
             features_of(np.asarray(image, dtype=np.float32), is_closer_look=is_closer_look)
             for image in (target, source)
         )
-        expected = pose.nearest_homography()
-        geometry = epipolar_geometry(_matches(own, other, expected, _RATIO), pose)
+        geometry = epipolar_geometry(_matches(own, other, expected), pose)
         if geometry is None:
             continue
         # Along the lines a feature has fewer rivals.
-        guided = epipolar_geometry(_matches(own, other, expected, _RATIO, geometry), pose)
+        guided = epipolar_geometry(_matches(own, other, expected, geometry), pose)
         if guided is None or np.count_nonzero(guided.near) < np.count_nonzero(geometry.near):
             return geometry
         return guided
@@ -150,7 +146,6 @@ def _matches(
     own: ImageFeatures,
     other: ImageFeatures,
     expected: FloatArray,
-    ratio: float,
     geometry: EpipolarGeometry | None = None,
 ) -> FeatureMatches:
     """Features that match near where a plane has them, and near their epipolar lines."""
@@ -158,13 +153,13 @@ def _matches(
     away = at[:, None].astype(np.float32) - other.points_px.astype(np.float32)
     near = np.hypot(away[..., 0], away[..., 1]) < _REACH * max(other.shape)
     if geometry is not None:
-        here, there = _in_plane(geometry.pose, FeatureMatches(own.points_px, own.points_px))
-        there = _in_plane(geometry.pose, FeatureMatches(other.points_px, other.points_px))[1]
+        here, _ = _in_plane(geometry.pose, FeatureMatches(own.points_px, own.points_px))
+        _, there = _in_plane(geometry.pose, FeatureMatches(other.points_px, other.points_px))
         to_x, to_y = (one.astype(np.float32) for one in _towards(geometry.epipole, here))
         apart = there.astype(np.float32) - here[:, None].astype(np.float32)
         aside = apart[..., 0] * to_y[:, None] - apart[..., 1] * to_x[:, None]
         near &= np.abs(aside) < _GUIDED_PX
-    pairs = other.pairs_with(own, ratio, near.astype(np.uint8))
+    pairs = other.pairs_with(own, _RATIO, near.astype(np.uint8))
     return FeatureMatches(own.points_px[pairs[:, 0]], other.points_px[pairs[:, 1]])
 
 
@@ -280,7 +275,7 @@ def _plane_and_two(own: FloatArray, other: FloatArray, displaced: IntArray) -> F
     epipoles = np.cross(lines[pairs[:, 0]], lines[pairs[:, 1]])
     length = np.linalg.norm(epipoles, axis=1, keepdims=True)
     epipoles = epipoles[length[:, 0] > 1e-9] / length[length[:, 0] > 1e-9]
-    best, most = _UNIT[0], -1
+    best, most = np.array([1.0, 0.0, 0.0]), -1
     for epipole in epipoles:
         to_x, to_y = _towards(epipole, a[:, :2])
         aside = (b - a)[:, 0] * to_y - (b - a)[:, 1] * to_x
@@ -338,7 +333,6 @@ def _compatible_plane(
     scale = np.median((a @ base.T)[:, :2] @ np.ones(2) / (b[:, :2] @ np.ones(2)))
     base = base / (scale if abs(scale) > 1e-12 else 1.0)
     weight: FloatArray = np.ones(len(own))
-    plane: FloatArray = np.zeros(3)
     size = np.maximum(np.abs(a).max(axis=0), 1.0)
     for _ in range(_ROUNDS):
         # base a + there (v a) is proportional to b: two equations for v.

@@ -46,15 +46,7 @@ _INTERPOLATED_PX: Final = 0.3
 
 def matched_both_ways(own: Float32Array, other: Float32Array, views: AlignedViews) -> BoolArray:
     """Pixels whose parallax is that of the place which they find in the other view."""
-    rows, cols = own.shape
-    y, x = np.mgrid[0:rows, 0:cols].astype(np.float32)
-    back = cv2.remap(
-        other,
-        x + own * views.to_x,
-        y + own * views.to_y,
-        cv2.INTER_NEAREST,
-        borderValue=(np.nan,) * 4,
-    )
+    back = shifted_along(other, views, own, cv2.INTER_NEAREST)
     # Written so that NaN is not matched.
     return np.asarray(np.abs(back - own) <= _TWO_WAY_PX)
 
@@ -127,8 +119,8 @@ def filled_surface(
 ) -> tuple[Float32Array, BoolArray]:
     """Parallax of every pixel, and whether it is that of a surface: interpolated between its sides.
 
-    At a jump what was matched is taken as matched, and what was not is of the farther side, but
-    does not count.
+    At a jump what was matched is taken as matched, and what was not has the parallax of what is
+    nearest along the line, but does not count.
     """
     rows, cols = parallax.shape
     filled, is_sure = parallax.copy(), known.copy()
@@ -159,7 +151,6 @@ def filled_surface(
             else:
                 is_sure[row, col] = matched[row, col]
                 if not matched[row, col]:
-                    # Both are as likely: nothing is decided by it.
                     filled[row, col] = first if back <= ahead else last
     return filled, is_sure
 

@@ -24,6 +24,7 @@ from calibration.parallax._occlusion import (
     place_error,
 )
 from calibration.parallax._refinement import (
+    SMOOTHING_PX,
     in_own_light,
     refined_parallax,
     seen_at,
@@ -51,7 +52,7 @@ _BORDER_PX = 5.0
 """From the border of what a photograph shows: there a surface is known from one side alone, and
 errs by .5 px where .1 is usual."""
 
-_CORRECTIONS, _FEW_ROUNDS = 1, 2
+_FEW_ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -127,11 +128,9 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
     if not (gain >= _LEAST_GAIN and sure_sd >= _SURE_SD):
         return None
     rough, agrees = _rough(views, small, matched, factor)
-    for _ in range(_CORRECTIONS):
-        parallax, _, _ = refined_parallax(lit, rough, agrees, _FEW_ROUNDS)
-        better = correction_of_pixels(lit, parallax, agrees, geometry.epipole)
-        if better is None:
-            break
+    parallax, _, _ = refined_parallax(lit, rough, agrees, _FEW_ROUNDS)
+    better = correction_of_pixels(lit, parallax, agrees, geometry.epipole)
+    if better is not None:
         geometry = geometry.corrected(better)
         lit = _in_own_light(_aligned(target, source, geometry))
     own, other = _surfaces(lit, small, matched, factor)
@@ -272,7 +271,7 @@ def _held_out_gain(views: AlignedViews, matched: MatchedViews, factor: int) -> t
     parallax = _enlarged(matched.held_out, factor, shape) * factor
     held_out = _enlarged(matched.is_held_out.astype(np.float32), factor, shape) > 0.5
     target, source = (
-        np.asarray(cv2.GaussianBlur(one, (0, 0), 0.7), dtype=np.float32)
+        np.asarray(cv2.GaussianBlur(one, (0, 0), SMOOTHING_PX), dtype=np.float32)
         for one in (views.target, views.source)
     )
     plane = np.abs(target - source)

@@ -25,7 +25,7 @@ _CONTRAST_FLOOR = 0.15
 """Of the contrast's root mean square over the frame: where there is none, noise is not made one."""
 
 _ROUNDS = 4
-_SMOOTHING_PX = 0.7
+SMOOTHING_PX = 0.7
 _WINDOW_PX, _WINDOW_SIGMA_PX = 7, 3.0
 """Reach and width of the neighbours that say with a pixel where its surface lies."""
 
@@ -44,7 +44,7 @@ _SLOPE_SD = 0.15
 _LEAST_SCATTER = 1e-3
 """Of levels in units of their contrast: where nothing is left at all."""
 
-_CORRELATED_ERR = sqrt(2 * pi) * _SMOOTHING_PX
+_CORRELATED_ERR = sqrt(2 * pi) * SMOOTHING_PX
 """Factor of the errors: noise smoothed by s px is the same over 4 pi s^2 px, and weights by a
 Gaussian count half of these."""
 
@@ -177,7 +177,7 @@ class SmoothedViews:
     def of(cls, views: AlignedViews) -> Self:
         """Smooth, which takes from noise more than from what lenses show."""
         target, source = (
-            np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX), dtype=np.float32)
+            np.asarray(cv2.GaussianBlur(image, (0, 0), SMOOTHING_PX), dtype=np.float32)
             for image in (views.target, views.source)
         )
         slope_x, slope_y = (

@@ -73,6 +73,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
+DEPTH_FILES = ("parallax.tif", "parallax-error.tif")
+"""Those that only comparisons of scenes with depth write."""
+
 CHANGE_FILES = (
     "difference.tif",
     "plain-difference.tif",
@@ -80,8 +83,7 @@ CHANGE_FILES = (
     "uncertainty.tif",
     "significance.tif",
     "limit.tif",
-    "parallax.tif",
-    "parallax-error.tif",
+    *DEPTH_FILES,
     "changes.png",
     "compared.png",
     "changes-figure.png",
@@ -90,9 +92,6 @@ CHANGE_FILES = (
     "changes.json",
 )
 """Files that a comparison writes; the last one last."""
-
-DEPTH_FILES = ("parallax.tif", "parallax-error.tif")
-"""Those of them that only scenes with depth have."""
 
 _DRAWING = Lock()
 """Matplotlib's style is one for all threads, of which a Dask worker may have several."""

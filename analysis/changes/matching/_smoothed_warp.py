@@ -357,22 +357,24 @@ def _seen_at(coefficients: Float32Array, at_y: Float32Array, at_x: Float32Array)
     return levels
 
 
+@compiled_part()
+def _is_marked(mask: BoolArray, y: float, x: float, border_px: float) -> bool:
+    """Whether a place is this far from the border, and its pixel in the mask; NaN is not."""
+    rows, cols = mask.shape
+    if not (border_px <= y <= rows - 1 - border_px and border_px <= x <= cols - 1 - border_px):
+        return False
+    return bool(mask[int(y + 0.5), int(x + 0.5)])
+
+
 @compiled(nogil=True)
 def _inside_at(
     mask: BoolArray, at_y: Float32Array, at_x: Float32Array, border_px: float
 ) -> BoolArray:
     found = np.zeros(at_y.shape, dtype=np.bool_)
-    rows, cols = mask.shape
     for row in range(at_y.shape[0]):
         for col in range(at_y.shape[1]):
             y, x = at_y[row, col], at_x[row, col]
-            if (
-                y >= border_px
-                and y <= rows - 1 - border_px
-                and x >= border_px
-                and x <= cols - 1 - border_px
-            ):
-                found[row, col] = mask[int(y + 0.5), int(x + 0.5)]
+            found[row, col] = _is_marked(mask, y, x, border_px)
     return found
 
 
@@ -399,7 +401,6 @@ def _inside(
     mask: BoolArray, nodes_y: FloatArray, nodes_x: FloatArray, shape: FloatArray, border_px: float
 ) -> BoolArray:
     found = np.zeros((shape[0], shape[1]), dtype=np.bool_)
-    rows, cols = mask.shape
     table = _weights_in_cell()
     line_y, line_x = np.empty(nodes_y.shape[1]), np.empty(nodes_y.shape[1])
     for row in range(shape[0]):
@@ -407,11 +408,5 @@ def _inside(
         _node_row(nodes_x, row, table, line_x)
         for col in range(shape[1]):
             y, x = _between(line_y, col, table), _between(line_x, col, table)
-            if (
-                y >= border_px
-                and y <= rows - 1 - border_px
-                and x >= border_px
-                and x <= cols - 1 - border_px
-            ):
-                found[row, col] = mask[int(y + 0.5), int(x + 0.5)]
+            found[row, col] = _is_marked(mask, y, x, border_px)
     return found
