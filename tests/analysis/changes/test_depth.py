@@ -1,0 +1,93 @@
+"""Changes of scenes with depth: what a plane leaves is parallax, what was painted is a change."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import analysis.changes._depth as depth_module
+from analysis.changes import ChangeOptions, ChangeResult, changes_between
+from analysis.errors import OverlapError
+from benchmarks.truth.depth import DepthPair, View, depth_pair
+from simulation.arrays import Float32Array
+from tests.calibration.known import known
+from tests.calibration.parallax.test_parallax import (
+    FARTHER,
+    NEAR,
+    TILTED,
+    photographs,
+    plates,
+)
+
+pytestmark = pytest.mark.slow
+SPOT = (90.0, 118.0)
+"""Row and column on the ground between the plates, in the follow-up."""
+
+FLAT = ChangeOptions(flat=True)
+
+
+@cache
+def rendered(one: View, other: View) -> DepthPair:
+    return depth_pair(plates(), one, other)
+
+
+def with_spot(followup: Float32Array) -> Float32Array:
+    y, x = np.indices(followup.shape)
+    spot = 40 * np.exp(-((y - SPOT[0]) ** 2 + (x - SPOT[1]) ** 2) / (2 * 2.0**2))
+    return np.asarray(followup + spot, dtype=np.float32)
+
+
+def listed_at(found: ChangeResult) -> int:
+    y, x = SPOT
+    return sum(np.hypot(one.y_px - y, one.x_px - x) < 4 for one in found.summary.changes)
+
+
+@pytest.mark.parametrize("views", [(NEAR, TILTED), (FARTHER, NEAR)])
+def test_a_spot_is_listed_and_next_to_nothing_else(views: tuple[View, View]) -> None:
+    """And nothing is listed at its place before it is painted."""
+    before, after = photographs(rendered(*views))
+    unchanged, plane = changes_between(before, after), changes_between(before, after, options=FLAT)
+    assert known(unchanged.summary.parallax).held_out_gain > 0.05
+    assert plane.summary.parallax is None
+    assert unchanged.summary.changed_px < 0.03 * unchanged.summary.compared_px
+    # A plane's errors, taken for noise, hide what would have been found.
+    limits_dn = [known(one.summary.detection_limit).mapped.median_dn for one in (unchanged, plane)]
+    assert limits_dn[0] < limits_dn[1] / 2
+    assert listed_at(unchanged) == 0
+    assert listed_at(changes_between(before, with_spot(after))) == 1
+
+
+@pytest.mark.parametrize("views", [(NEAR, TILTED), (FARTHER, NEAR)])
+def test_the_epipole_is_where_the_follow_up_sees_the_references_camera(
+    views: tuple[View, View],
+) -> None:
+    before, after = photographs(rendered(*views))
+    x, y, w = known(changes_between(before, after).summary.parallax).epipole
+    true_x, true_y = (float(at) for at in views[1].pixels(views[0].centre, before.shape))
+    middle = np.array([after.shape[1] / 2, after.shape[0] / 2])
+    there, truth = np.array([x / w, y / w]) - middle, np.array([true_x, true_y]) - middle
+    angle = np.arctan2(*there[::-1]) - np.arctan2(*truth[::-1])
+    # Far outside the frame its direction is what is seen, to some degrees.
+    assert abs(np.rad2deg((angle + np.pi / 2) % np.pi - np.pi / 2)) < 5
+
+
+def test_a_flat_scene_has_no_depth_and_a_spot_all_the_same() -> None:
+    ground = replace(plates(), plates=())
+    before, after = photographs(depth_pair(ground, NEAR, TILTED))
+    assert changes_between(before, after).summary.parallax is None
+    assert listed_at(changes_between(before, with_spot(after))) == 1
+
+
+def test_where_depth_leaves_nothing_to_compare_the_plane_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def nothing_shared(*_: object) -> None:
+        raise OverlapError("nothing can be compared", shared_px=0)
+
+    before, after = photographs(rendered(NEAR, TILTED))
+    monkeypatch.setattr(depth_module, "compare", nothing_shared)
+    found = changes_between(before, after)
+    assert found.parallax is None
+    plane = changes_between(before, after, options=FLAT).summary
+    assert found.summary.changed_px == plane.changed_px
