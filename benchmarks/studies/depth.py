@@ -195,7 +195,7 @@ def _row(seed: int, task: tuple[int, DepthKind]) -> _Row:
     # What is listed there anyway was not found.
     found_things, false_things = (
         [
-            one.is_change[row - half : row + half, col - half : col + half].any()
+            bool(one.is_change[row - half : row + half, col - half : col + half].any())
             for row, col in things
         ]
         for one in (changed, found)
