@@ -9,7 +9,9 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
-from matplotlib.colors import LogNorm
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, ScalarFormatter
 from numpy.typing import NDArray
 
@@ -255,25 +257,10 @@ def limit_figure(found: ChangeResult) -> ReportFigure | None:
     limit = found.summary.detection_limit
     if limit is None or not found.valid.any():
         return None
-    rows, cols = found.limit_dn.shape
-    step = -(-max(rows, cols) // _DRAWN_PX)
-    drawn = np.ma.masked_invalid(found.limit_dn[::step, ::step])
     low, high = np.percentile(found.limit_dn[found.valid], _LIMIT_ENDS_PERCENT)
     middle, ratio = np.sqrt(low * high), max(np.sqrt(high / low), _LEAST_RATIO**0.5)
-    width_in = 6.0
-    figure = new_figure(width_in, 0.3 + (width_in - 1.0) * rows / cols)
-    axes = figure.subplots()
-    axes.set_facecolor(_NOT_COMPARED)
-    image = axes.imshow(
-        drawn,
-        cmap="cividis",
-        norm=LogNorm(middle / ratio, middle * ratio),
-        extent=(-0.5, cols - 0.5, rows - 0.5, -0.5),
-        interpolation="nearest",
-    )
-    axes.set(xticks=[], yticks=[])
-    axes.grid(visible=False)
-    bar = figure.colorbar(image, ax=axes, label="limit / DN", shrink=0.9)
+    norm = LogNorm(middle / ratio, middle * ratio)
+    figure, bar = _map_figure(found.limit_dn, norm, "limit / DN")
     bar.ax.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
     bar.ax.yaxis.set_major_formatter(ScalarFormatter())
     bar.ax.yaxis.set_minor_locator(LogLocator(subs=()))
@@ -284,28 +271,33 @@ def limit_figure(found: ChangeResult) -> ReportFigure | None:
     return ReportFigure.of(figure, caption, form="png")
 
 
-def depth_figure(found: ChangeResult) -> ReportFigure | None:
-    """Draw the parallax over the follow-up; None where a plane explains the pair."""
-    if found.parallax is None or found.summary.parallax is None:
-        return None
-    parallax = found.parallax.parallax_px
-    rows, cols = parallax.shape
+def _map_figure(image: FloatImage, norm: Normalize, label: str) -> tuple[Figure, Colorbar]:
+    """Draw a map over the follow-up, grey where it is NaN."""
+    rows, cols = image.shape
     step = -(-max(rows, cols) // _DRAWN_PX)
     width_in = 6.0
     figure = new_figure(width_in, 0.3 + (width_in - 1.0) * rows / cols)
     axes = figure.subplots()
     axes.set_facecolor(_NOT_COMPARED)
-    image = axes.imshow(
-        np.ma.masked_invalid(parallax[::step, ::step]),
+    drawn = axes.imshow(
+        np.ma.masked_invalid(image[::step, ::step]),
         cmap="cividis",
-        vmin=found.summary.parallax.low_px,
-        vmax=found.summary.parallax.high_px,
+        norm=norm,
         extent=(-0.5, cols - 0.5, rows - 0.5, -0.5),
         interpolation="nearest",
     )
     axes.set(xticks=[], yticks=[])
     axes.grid(visible=False)
-    figure.colorbar(image, ax=axes, label="parallax / px", shrink=0.9)
+    return figure, figure.colorbar(drawn, ax=axes, label=label, shrink=0.9)
+
+
+def depth_figure(found: ChangeResult) -> ReportFigure | None:
+    """Draw the parallax over the follow-up; None where a plane explains the pair."""
+    figures = found.summary.parallax
+    if found.parallax is None or figures is None:
+        return None
+    norm = Normalize(figures.low_px, figures.high_px)
+    figure, _ = _map_figure(found.parallax.parallax_px, norm, "parallax / px")
     caption = (
         "Displacement beside the plane of the pose, towards the epipole. Grey: not compared, as it "
         "is beyond the reference, hidden in one of the two, beside a step, or of unknown depth."
