@@ -58,6 +58,10 @@ class HomographyFileError(DocumentError):
     """An H.json cannot be read or written, or lacks a value that is needed."""
 
 
+class DepthFileError(DocumentError):
+    """A depth map or a list of planes cannot be read, or holds no depth."""
+
+
 class NoEdgeError(CalibrationError):
     """No usable edge was found; ``flags`` are those for which edges were rejected."""
 

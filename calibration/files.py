@@ -1,4 +1,4 @@
-"""Reading and writing psf.json, noise.json, geometry.json and H.json; no other module does it."""
+"""Reading and writing psf.json, noise.json, geometry.json, H.json and depth maps; no other does."""
 
 from acquisition.files import written_together
 from calibration.documents import read_document, write_document
@@ -18,6 +18,8 @@ from calibration.noise import (
 )
 from calibration.psf import PsfCalibration
 from calibration.registration import Homography
+from calibration.scene_depth import scene_depth
+from simulation import SceneDepth
 from simulation.arguments import FilePath, checked, output_path, path_of
 
 
@@ -175,6 +177,40 @@ def read_homography(path: FilePath) -> Homography:
     (320, 240)
     """
     return read_document(path, Homography, HomographyFileError, "give an H.json")
+
+
+@checked
+def read_depth(
+    path: FilePath, *, focal_length_px: float | None = None, plane_depth: float | None = None
+) -> SceneDepth:
+    """Read the depth of a photograph's scene.
+
+    Parameters
+    ----------
+    path
+        A map of the photograph's size, TIFF or PNG of one channel: distances along the optical
+        axis in any unit, 0 or NaN where they are not known. Or a list of planes, JSON.
+    focal_length_px, plane_depth
+        As `SceneDepth` has them.
+
+    Returns
+    -------
+    SceneDepth
+        The depth; ``simulate`` takes it.
+
+    Raises
+    ------
+    DepthFileError
+        If it cannot be read, has several channels, or holds no depth.
+
+    Examples
+    --------
+    >>> scene = standoff.read_depth("depth.tif")
+    >>> far = standoff.simulate("before.tif", zoom=1.5, depth=scene, psf="psf.json")
+    >>> far.mask_fractions["hidden_fraction"] > 0
+    True
+    """
+    return scene_depth(path_of(path, "path"), focal_length_px, plane_depth)
 
 
 @checked

@@ -108,6 +108,8 @@ _GROUPS = (
             "simulate_pose",
             "CaptureOptions",
             "UncertaintyOptions",
+            "SceneDepth",
+            "read_depth",
             "read_homography",
             "write_homography",
             "training_pairs",

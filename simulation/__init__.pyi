@@ -2,6 +2,7 @@ from .choices import (
     MODELS as MODELS,
     Model as Model,
 )
+from .pose.depth import SceneDepth as SceneDepth
 from .pose.simulate import (
     SimulatedPose as SimulatedPose,
     simulate_pose_of_image as simulate_pose_of_image,

@@ -10,7 +10,14 @@ from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
 from simulation.choices import POSE_MODELS, GaussianForm, Model, PsfForm
-from simulation.pose import PoseOptions, pose_noise_gain, simulate_pose_of_image
+from simulation.pose import (
+    DepthRendering,
+    DepthView,
+    PoseOptions,
+    SceneDepth,
+    pose_noise_gain,
+    simulate_pose_of_image,
+)
 from simulation.psf import Psf, PsfField
 from simulation.sampling_grid import SamplingGrid
 from simulation.zoom import ZoomOperator, zoom_operator, zoom_out_image
@@ -116,7 +123,8 @@ class FollowUp:
 
     ``own_variance_dn2`` is the variance that the noise of the reference leaves in the image, in its
     shape; None if no noise was asked for. ``nearer`` and ``outside`` are masks of shape ``(rows,
-    cols)``, None for a plain zoom-out. ``psf_form`` is the form in which the PSF was known,
+    cols)``, None for a plain zoom-out; ``hidden``, of what the reference does not show, is None
+    unless the scene has depth. ``psf_form`` is the form in which the PSF was known,
     ``is_field`` whether it varied over the frame.
     """
 
@@ -124,6 +132,7 @@ class FollowUp:
     own_variance_dn2: FloatArray | None
     nearer: BoolArray | None = None
     outside: BoolArray | None = None
+    hidden: BoolArray | None = None
     psf_form: PsfForm | None = None
     is_field: bool = False
 
@@ -196,6 +205,33 @@ def from_pose(
         own_variance_dn2=own,
         nearer=simulated.nearer,
         outside=simulated.outside,
+        psf_form=psf.form,
+        is_field=isinstance(psf, PsfField),
+    )
+
+
+def of_depth(
+    reference: AnyArray,
+    scene: SceneDepth,
+    view: DepthView,
+    psf: Psf | PsfField,
+    options: PoseOptions,
+    noise: CaptureNoise | None = None,
+) -> FollowUp:
+    """Follow-up of a scene with depth, of a reference with this noise."""
+    rendering = DepthRendering.of(scene, view, psf)
+    simulated = rendering.photograph(reference, options)
+    own = None
+    if noise is not None:
+        gain = rendering.noise_gain(options)
+        planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
+        own = planes * noise.variance_dn2(simulated.image)
+    return FollowUp(
+        image=simulated.image,
+        own_variance_dn2=own,
+        nearer=simulated.nearer,
+        outside=simulated.outside,
+        hidden=simulated.hidden,
         psf_form=psf.form,
         is_field=isinstance(psf, PsfField),
     )

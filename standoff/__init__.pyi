@@ -78,6 +78,7 @@ from analysis.validation import Validation as Validation, read_validation as rea
 from calibration.edges import EdgeMeasurement as EdgeMeasurement, Region as Region
 from calibration.files import (
     read_correction as read_correction,
+    read_depth as read_depth,
     read_geometry as read_geometry,
     read_homography as read_homography,
     read_noise as read_noise,
@@ -106,7 +107,7 @@ from calibration.registration import (
 from hil_mocks import SimulatedBench as SimulatedBench
 from simulation import GaussianPsf as GaussianPsf, TabulatedPsf as TabulatedPsf
 from simulation.capture_noise import CaptureNoise as CaptureNoise
-from simulation.pose import SimulatedPose as SimulatedPose
+from simulation.pose import SceneDepth as SceneDepth, SimulatedPose as SimulatedPose
 from simulation.psf import MeasuredPsf as MeasuredPsf, Psf as Psf, SeparablePsf as SeparablePsf
 
 from .errors import ArgumentError as ArgumentError

@@ -105,8 +105,9 @@ def _of_names(names: str, range_: _Range) -> dict[str, _Range]:
 
 RANGES: Mapping[str, _Range] = {
     **_of_names(
-        "zoom focal_length_px scale_px_per_mm pixel_size_mm min_d_prime timeout_s workers_gone_s "
-        "false_alarms edge_length_px white_level contrast_dn scene_noise_dn rate gain_e_per_dn",
+        "zoom focal_length_px plane_depth scale_px_per_mm pixel_size_mm min_d_prime timeout_s "
+        "workers_gone_s false_alarms edge_length_px white_level contrast_dn scene_noise_dn rate "
+        "gain_e_per_dn",
         _Range(0, is_open=True),
     ),
     **_of_names(

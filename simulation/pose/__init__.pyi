@@ -13,6 +13,11 @@ from ._warp import (
     seen_factors as seen_factors,
     warped as warped,
 )
+from .depth import (
+    DepthView as DepthView,
+    SceneDepth as SceneDepth,
+)
+from .depth_simulation import DepthRendering as DepthRendering
 from .simulate import (
     SimulatedPose as SimulatedPose,
     simulate_pose_of_image as simulate_pose_of_image,

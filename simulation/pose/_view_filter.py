@@ -146,7 +146,7 @@ def _view_filter(request: _ViewRequest) -> VaryingFilter:
     view, model, noise_ratio = request.view, request.model, request.noise_ratio
     seen = _Seen.of(view)
     poses = _poses(view, seen, _places(seen, 3))
-    radius = _radius(poses, model, noise_ratio)
+    radius = kernel_radius(poses, model, noise_ratio)
     if _is_one(poses):
         columns, rows, weights = _terms(_Request(poses[:1], model, noise_ratio, radius))
         one = np.zeros(1)
@@ -175,10 +175,10 @@ def _view_filter(request: _ViewRequest) -> VaryingFilter:
 def _view_radius(view: PoseView, model: PoseModel, noise_ratio: float) -> int:
     """Half-width of the kernels of ``view_filter``; the parameters and errors are the same."""
     seen = _Seen.of(view)
-    return _radius(_poses(view, seen, _places(seen, 3)), model, noise_ratio)
+    return kernel_radius(_poses(view, seen, _places(seen, 3)), model, noise_ratio)
 
 
-def _radius(poses: tuple[LocalPose, ...], model: PoseModel, noise_ratio: float) -> int:
+def kernel_radius(poses: tuple[LocalPose, ...], model: PoseModel, noise_ratio: float) -> int:
     missing_px2 = np.array([_missing_px2(pose) for pose in poses])
     widest_px = sqrt(max(0.0, float(missing_px2.max())))
     if widest_px > _BLUR_MAX_PX:
@@ -261,7 +261,7 @@ def _between_nodes(
 _POINTS = 9
 """Positions per axis at which the squares are summed; cubic between."""
 
-_ORDERS = ((0, 0), (1, 0), (0, 1), (1, 1), (1, -1))
+ORDERS = ((0, 0), (1, 0), (0, 1), (1, 1), (1, -1))
 """Orders (x, y) of the series; every one but the first represents its opposite too."""
 
 
@@ -286,7 +286,7 @@ def pose_noise_gain(
     radius = _view_radius(view, model, noise_ratio)
     kernels = [prefilter(pose, model, noise_ratio, radius).kernel for pose in poses]
     sampling = SAMPLING_KERNELS[model]
-    series = np.stack([_series(kernel, sampling) for kernel in kernels]).reshape(
+    series = np.stack([squares_series(kernel, sampling) for kernel in kernels]).reshape(
         _POINTS, _POINTS, -1
     )
     height, width = view.follow_up
@@ -296,13 +296,13 @@ def pose_noise_gain(
     for row in range(height):
         x, y = view.survey(np.array([float(row)]), cols)[0, :, :2].T
         terms = along_series(np.column_stack([np.full(width, float(row)), cols]))
-        waves = [np.cos(2 * np.pi * (m * x + n * y)) for m, n in _ORDERS[1:]]
+        waves = [np.cos(2 * np.pi * (m * x + n * y)) for m, n in ORDERS[1:]]
         gain[row] = terms[:, 0] + 2 * np.sum(terms[:, 1:].T * waves, axis=0)
     return gain
 
 
-def _series(kernel: FloatArray, sampling: SamplingKernel) -> FloatArray:
-    """Coefficients of ``_ORDERS`` for a prefilter."""
+def squares_series(kernel: FloatArray, sampling: SamplingKernel) -> FloatArray:
+    """Coefficients of ``ORDERS`` for a prefilter: its squared weights, by the position."""
     period = 2 * len(kernel)
     square = kernel_transfer(kernel, period) ** 2
     # Columns inside the half plane stand for two frequencies each.
@@ -311,7 +311,7 @@ def _series(kernel: FloatArray, sampling: SamplingKernel) -> FloatArray:
     fx: FloatArray = np.fft.rfftfreq(period).astype(np.float64)
     return (
         np.array(
-            [_product(sampling, fy, n) @ square @ _product(sampling, fx, m) for m, n in _ORDERS]
+            [_product(sampling, fy, n) @ square @ _product(sampling, fx, m) for m, n in ORDERS]
         )
         / period**2
     )

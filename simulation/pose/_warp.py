@@ -160,7 +160,7 @@ def _fold_square(k1: float, k2: float) -> float:
 
 
 @compiled_part()
-def _ideal_factor(k1: float, k2: float) -> float:
+def ideal_factor(k1: float, k2: float) -> float:
     """Ideal radius for the seen radius 1, by bracketed Newton's method up to the fold."""
     if k2 == 0 and abs(k1) < _SERIES_MAX:
         factor = 1 - k1 * (1 - k1 * (3 - k1 * (12 - 55 * k1)))
@@ -193,7 +193,7 @@ def _ideal_factor(k1: float, k2: float) -> float:
 
 
 @compiled_part()
-def _seen_factor(k1: float, k2: float, square: float, frame: float) -> float:
+def seen_factor(k1: float, k2: float, square: float, frame: float) -> float:
     """Factor from an ideal point, its radius squared, to the seen one; infinite if far outside."""
     factor = 1 + square * (k1 + square * k2)
     # With k2 above 0 seen radii may increase again further out.
@@ -208,7 +208,7 @@ def ideal_factors(k1: float, k2: float, squares: FloatArray) -> FloatArray:
     """Factors from seen points to ideal ones, by squared radii, shape (n,), up to the fold."""
     factors = np.empty_like(squares)
     for i in range(len(squares)):
-        factors[i] = _ideal_factor(k1 * squares[i], k2 * squares[i] * squares[i])
+        factors[i] = ideal_factor(k1 * squares[i], k2 * squares[i] * squares[i])
     return factors
 
 
@@ -220,7 +220,7 @@ def seen_factors(k1: float, k2: float, squares: FloatArray, frame: float) -> Flo
     """
     factors = np.empty_like(squares)
     for i in range(len(squares)):
-        factor = _seen_factor(k1, k2, squares[i], frame)
+        factor = seen_factor(k1, k2, squares[i], frame)
         factors[i] = _FAR / sqrt(squares[i]) if isinf(factor) else factor
     return factors
 
@@ -231,7 +231,7 @@ def ideal_points(lens: FloatArray, points_px: FloatArray) -> FloatArray:
     ideal = np.empty_like(points_px)
     for i in range(len(points_px)):
         dx, dy = points_px[i, 0] - lens[1], points_px[i, 1] - lens[2]
-        factor = _ideal_factor(lens[0] * (dx * dx + dy * dy), 0.0)
+        factor = ideal_factor(lens[0] * (dx * dx + dy * dy), 0.0)
         ideal[i, 0], ideal[i, 1] = lens[1] + factor * dx, lens[2] + factor * dy
     return ideal
 
@@ -254,7 +254,7 @@ def _warp(
         a, b, c, d = projection_slopes(matrix, col, row)
         return x, y, a, b, c, d
     dx, dy = col - lens[1], row - lens[2]
-    factor = _ideal_factor(k1 * (dx * dx + dy * dy), 0.0)
+    factor = ideal_factor(k1 * (dx * dx + dy * dy), 0.0)
     dx, dy = factor * dx, factor * dy
     xx, xy, yy = _distortion_slopes(k1, dx, dy)
     determinant = xx * yy - xy * xy
@@ -265,7 +265,7 @@ def _warp(
     dx, dy = x - lens[3], y - lens[4]
     square = dx * dx + dy * dy
     # The outermost pixels' squares end half a pixel beyond their centres.
-    factor = _seen_factor(k1, 0.0, square, hypot(lens[3] + 1, lens[4] + 1))
+    factor = seen_factor(k1, 0.0, square, hypot(lens[3] + 1, lens[4] + 1))
     if isinf(factor):
         away = _FAR / sqrt(square)
         return lens[3] + away * dx, lens[4] + away * dy, 1.0, 0.0, 0.0, 1.0
@@ -291,11 +291,11 @@ def warped(matrix: FloatArray, lens: FloatArray, points_px: FloatArray) -> Float
             continue
         # As in warp, without the derivative.
         dx, dy = points_px[i, 0] - lens[1], points_px[i, 1] - lens[2]
-        factor = _ideal_factor(k1 * (dx * dx + dy * dy), 0.0)
+        factor = ideal_factor(k1 * (dx * dx + dy * dy), 0.0)
         x, y = project(matrix, lens[1] + factor * dx, lens[2] + factor * dy)
         dx, dy = x - lens[3], y - lens[4]
         square = dx * dx + dy * dy
-        factor = _seen_factor(k1, 0.0, square, frame)
+        factor = seen_factor(k1, 0.0, square, frame)
         if isinf(factor):
             factor = _FAR / sqrt(square)
         found[i, 0], found[i, 1] = lens[3] + factor * dx, lens[4] + factor * dy

@@ -58,7 +58,7 @@ _ORDER = ("reassoc", "contract", "nsz")
 """Sums may be reordered; NaN and infinity keep their meaning."""
 
 
-def _weight_table(pieces: FloatArray) -> FloatArray:
+def weight_table(pieces: FloatArray) -> FloatArray:
     """Polynomials of a sampling kernel's six weights, shape (6, 8), from its pieces, shape (3, 6).
 
     For a position t px after a pixel, the weight of the pixel ``m - 2`` px from that one is ``sum_k
@@ -90,7 +90,7 @@ weighted_six_by_six = cast("Callable[..., float]", _weighted_six_by_six)
 """Sum of six rows of pixels: ``(pixels, start, down, table, part)``.
 
 ``start`` is the first pixel's index and the rows' stride, ``down`` a tuple of the rows' weights;
-those of the columns are by `_weight_table` for the position ``part`` px after the third of them.
+those of the columns are by `weight_table` for the position ``part`` px after the third of them.
 All have the pixels' dtype."""
 
 
@@ -151,12 +151,12 @@ _DOUBT = 2.0
 """Changes of the least eigenvalue over a piece within which its sign is not interpolated."""
 
 
-class _CoefficientWindow(NamedTuple):
+class CoefficientWindow(NamedTuple):
     """A part of the filtered reference, including what is beyond its border.
 
     Element (0, 0) of ``coefficients`` belongs to the reference pixel ``origin`` (row, col);
     ``size`` are the rows and columns of the whole reference, ``table`` the weights of the sampling
-    kernel by `_weight_table`, in the dtype of the coefficients.
+    kernel by `weight_table`, in the dtype of the coefficients.
     """
 
     coefficients: FloatImage
@@ -180,7 +180,7 @@ _FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 @compiled(**_FREE_ORDER)
 def _render(
     view: BlurredWarp,
-    window: _CoefficientWindow,
+    window: CoefficientWindow,
     canvas: _Canvas,
     first: tuple[int, int],
     shape: tuple[int, int],
@@ -230,6 +230,28 @@ def _mark(
     for row in range(first[0], first[0] + shape[0]):
         gone, near = outside[row, left : left + shape[1]], nearer[row, left : left + shape[1]]
         _mark_row(view, (row, left), size, places, (gone, near))
+
+
+@compiled(**_FREE_ORDER)
+def sample_at(window: CoefficientWindow, x: FloatArray, y: FloatArray, out: FloatImage) -> None:
+    """Write the image at reference positions, shape ``(rows, cols)``; not where they are NaN."""
+    coefficients, origin, _, table = window
+    cols = out.shape[1]
+    room = np.empty((8, cols), coefficients.dtype)
+    corners, outside = np.empty(cols, np.int64), np.empty(cols, np.bool_)
+    at_x, at_y = np.empty(cols), np.empty(cols)
+    for i in range(out.shape[0]):
+        for j in range(cols):
+            outside[j] = not (abs(x[i, j]) < np.inf)
+            at_x[j] = float(origin[1] + 2) if outside[j] else x[i, j]
+            at_y[j] = float(origin[0] + 2) if outside[j] else y[i, j]
+        _sample_row(
+            coefficients,
+            (at_x, origin[1], at_y, origin[0]),
+            (room, corners, table),
+            outside,
+            out[i],
+        )
 
 
 @compiled_part(**_FREE_ORDER)
@@ -335,7 +357,7 @@ def _keeps_axes(view: PoseView) -> bool:
 
 def _render_aligned(
     view: PoseView,
-    window: _CoefficientWindow,
+    window: CoefficientWindow,
     canvas: _Canvas,
     first: tuple[int, int],
     shape: tuple[int, int],
@@ -389,11 +411,15 @@ class SimulatedPose(Shown, ByValue):
     outside
         Mask, shape ``(rows, cols)``, of the pixels that look past the reference by more than half a
         pixel.
+    hidden
+        Of a scene with depth: mask, shape ``(rows, cols)``, of the pixels that see what was hidden
+        from the reference, or lies at a depth that is not known; 0 there too.
     """
 
     image: FloatImage
     nearer: BoolArray
     outside: BoolArray
+    hidden: BoolArray | None = None
 
     def __repr__(self) -> str:
         rows, cols = self.image.shape[:2]
@@ -450,7 +476,7 @@ def simulate_pose_of_image(
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     planes = image[:, :, None] if image.ndim == 2 else image
     result = np.zeros((planes.shape[2], height, width), dtype=dtype)
-    table = _weight_table(np.array(SAMPLING_KERNELS[model].pieces)).astype(dtype)
+    table = weight_table(np.array(SAMPLING_KERNELS[model].pieces)).astype(dtype)
     nearer = np.zeros((height, width), dtype=np.bool_)
     outside = np.ones((height, width), dtype=np.bool_)
     is_aligned = _keeps_axes(view)
@@ -461,7 +487,7 @@ def simulate_pose_of_image(
         if seen is None:
             return
         for channel in range(planes.shape[2]):
-            window = _window(planes[:, :, channel], seen, filtered, table)
+            window = coefficient_window(planes[:, :, channel], seen, filtered, table)
             canvas = _Canvas(result[channel], nearer, outside)
             if is_aligned:
                 _render_aligned(view, window, canvas, first, shape)
@@ -469,26 +495,27 @@ def simulate_pose_of_image(
                 _render(view.warp, window, canvas, first, shape)
 
     if options.threads == 1:
-        for tile in _tiles(height, width):
+        for tile in tiles(height, width):
             make(tile)
     else:
         with ThreadPoolExecutor(options.threads) as pool:
-            list(pool.map(make, _tiles(height, width)))
+            list(pool.map(make, tiles(height, width)))
     if outside.all():
         raise ValueError("the follow-up shows nothing of the reference")
     pixels = result[0] if image.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, 0, -1))
     return SimulatedPose(image=pixels, nearer=nearer, outside=outside)
 
 
-def _tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:
+def tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:
+    """Rows and columns of the tiles of a follow-up."""
     for top in range(0, height, _TILE_PX):
         for left in range(0, width, _TILE_PX):
             yield slice(top, top + _TILE_PX), slice(left, left + _TILE_PX)
 
 
-def _window(
+def coefficient_window(
     image: AnyArray, seen: tuple[int, int, int, int], filtered: VaryingFilter, table: FloatImage
-) -> _CoefficientWindow:
+) -> CoefficientWindow:
     """Coefficients around a window, its ends included; mirrored at the image's edge."""
     top, bottom, left, right = seen
     before, after = REACH_BEFORE_PX + filtered.radius, REACH_AFTER_PX + filtered.radius
@@ -506,7 +533,7 @@ def _window(
     )
     origin = (top - REACH_BEFORE_PX, left - REACH_BEFORE_PX)
     coefficients = filtered.apply(np.asarray(window), origin)
-    return _CoefficientWindow(coefficients, origin, image.shape[:2], table)
+    return CoefficientWindow(coefficients, origin, image.shape[:2], table)
 
 
 def _seen(

@@ -273,30 +273,28 @@ def _local_poses(
     found = []
     for position, own, slope in zip(reference_px, followup_px, slopes, strict=True):
         near, far = view.psf_near(*position.tolist()), view.psf_far(*own.tolist())
-        kept = _without_sharpening(slope, near.covariance_px2, far.covariance_px2)
+        kept = without_sharpening(slope, near.covariance_px2, far.covariance_px2)
         a, b, c, d = np.round(kept, _DECIMALS).ravel().tolist()
         found.append(LocalPose(near=near, far=far, slopes=(a, b, c, d)))
     return tuple(found)
 
 
-def _without_sharpening(
-    slopes: FloatArray, near_px2: FloatArray, far_px2: FloatArray
-) -> FloatArray:
-    """Derivative of the warp whose follow-up is nowhere sharper than the reference.
+def without_sharpening(slopes: FloatArray, near_px2: FloatArray, far_px2: FloatArray) -> FloatArray:
+    """Derivatives of warps whose follow-up is nowhere sharper than the reference.
 
-    ``slopes`` is the derivative A, shape (2, 2); the covariances of the two PSFs are each in its
+    ``slopes`` are derivatives A, shape (..., 2, 2); the covariances of the two PSFs are each in its
     own pixels. A itself if nothing is sharper; else A' with the rotation of A, and with ``A'
     Sigma_far A'^T`` that of A less the part by which it falls short of ``Sigma_near``.
     """
-    values, vectors = np.linalg.eigh(slopes @ far_px2 @ slopes.T - near_px2)
-    if values[0] >= 0:
-        return slopes
-    blurred = near_px2 + (vectors * np.maximum(values, 0.0)) @ vectors.T
+    missing = slopes @ far_px2 @ np.swapaxes(slopes, -1, -2) - near_px2
+    values, vectors = np.linalg.eigh(missing)
+    restored = (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     root = _matrix_root(far_px2)
     left, _, right = np.linalg.svd(slopes @ root)
-    return np.asarray(_matrix_root(blurred) @ left @ right @ np.linalg.inv(root))
+    softer = _matrix_root(near_px2 + restored) @ left @ right @ np.linalg.inv(root)
+    return np.where(values[..., :1, None] >= 0, slopes, softer)
 
 
 def _matrix_root(covariance: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(covariance)
-    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)
+    return np.asarray((vectors * np.sqrt(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))

@@ -27,6 +27,7 @@ AnyModel = Literal[Model, KernelModel]
 _SHARPENING_SIGMA_PX = 1.0
 
 _pose = partial(Option, rich_help_panel="The other pose")
+_depth = partial(Option, rich_help_panel="A scene with depth")
 _model = partial(Option, rich_help_panel="The model")
 _camera = partial(Option, rich_help_panel="Effects of the camera")
 _uncertainty = partial(Option, rich_help_panel="The uncertainty")
@@ -59,7 +60,12 @@ def _noise_or_number(text: str | None) -> Path | float | None:
 @terminal.command(
     terminal.exactly_one("zoom", "homography"),
     terminal.needs("homography", terminal.Given("model", POSE_MODELS)),
-    terminal.needs("nearer", "homography"),
+    terminal.needs("nearer", "homography", "depth"),
+    terminal.needs("depth", terminal.Given("model", POSE_MODELS)),
+    terminal.needs("hidden", "depth"),
+    terminal.needs("plane_depth", "depth"),
+    terminal.needs("focal_length_px", "depth"),
+    terminal.excludes("depth", "uncertainty", because="that of the depth is not known"),
     terminal.needs(
         terminal.Given("model", tuple(name for name in MODELS if name != "bicubic")), "psf"
     ),
@@ -89,6 +95,10 @@ def simulate(
     zoom: Annotated[float | None, _pose(callback=terminal.checked_zoom)] = None,
     homography: Annotated[Path | None, _pose()] = None,
     nearer: Annotated[Path | None, _pose(), terminal.Result(".png")] = None,
+    depth: Annotated[Path | None, _depth()] = None,
+    focal_length_px: Annotated[float | None, _depth()] = None,
+    plane_depth: Annotated[float | None, _depth()] = None,
+    hidden: Annotated[Path | None, _depth(), terminal.Result(".png")] = None,
     psf: Annotated[Path | None, _model()] = None,
     model: Annotated[AnyModel, _model()] = DEFAULT_MODEL,
     transfer: terminal.TransferForm = "best",
@@ -126,6 +136,12 @@ def simulate(
     zoom: Distance ratio, at least 1.
     homography: H.json of another pose, instead of --zoom.
     nearer: Also write a mask (PNG) of the pixels that should be sharper than the reference.
+    depth: Depth of what the reference shows: a map of distances along the optical axis in any unit
+        (TIFF or PNG of the reference's size), or a list of planes (JSON).
+    focal_length_px: Focal length in px; --homography needs it with --depth.
+    plane_depth: Depth of the plane of --homography or --zoom, parallel to the sensor; by default
+        the plane that most of the scene lies on.
+    hidden: Also write a mask (PNG) of the pixels that see what the reference does not show.
     psf: psf.json, or a PSF of your own.
     model: Capture model.
     gaussian: Blur by the exact transfer function, or by sampled weights (paper).
@@ -155,6 +171,9 @@ def simulate(
     how = terminal.keywords_of(
         library.simulate,
         camera=camera,
+        depth=None
+        if depth is None
+        else library.read_depth(depth, focal_length_px=focal_length_px, plane_depth=plane_depth),
         steps=steps or TRAINING_STEPS,
         sampler=sampler or "exact",
         uncertainty=None
@@ -167,6 +186,8 @@ def simulate(
     found.write(out)
     if nearer is not None:
         found.write_nearer(nearer)
+    if hidden is not None:
+        found.write_hidden(hidden)
     if uncertainty is not None:
         found.write_uncertainty(uncertainty)
     terminal.answer(
@@ -182,10 +203,15 @@ def _say(found: "library.SimulatedPhotograph", out: Path, uncertainty: Path | No
     rows, cols = found.image.shape[:2]
     terminal.say(f"wrote {out}: {cols} x {rows} px, {found.how}{shape}")
     masks = found.mask_fractions
-    if found.zoom is None and masks:
+    if masks:
         terminal.say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
+        )
+    if "hidden_fraction" in masks:
+        terminal.say(
+            f"{100 * masks['hidden_fraction']:.1f} % shows what was hidden from the reference, or "
+            "lies at an unknown depth (level 0)"
         )
     if found.uncertainty is not None:
         terminal.say(f"wrote {uncertainty}: {found.uncertainty.sentence}")

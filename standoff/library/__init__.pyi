@@ -13,6 +13,7 @@ from analysis.choices import (
 from analysis.detectability import CurveChoice as CurveChoice
 from analysis.followup_series import SeriesResult as SeriesResult
 from calibration.files import (
+    read_depth as read_depth,
     write_geometry as write_geometry,
     write_noise as write_noise,
     write_psf as write_psf,

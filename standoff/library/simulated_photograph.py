@@ -297,9 +297,19 @@ class SimulatedPhotograph(ByValue):
 
     @property
     def mask_fractions(self) -> dict[str, float]:
-        """Shares of pixels that would be sharper than the reference, and that it does not show."""
+        """Shares of pixels that would be sharper than the reference, and that it does not show.
+
+        Those that it does not show are outside its frame, or hidden. None of them is stated of a
+        flat scene that is merely further away.
+        """
         followup = self.followup
-        masks = (("nearer", followup.nearer), ("outside", followup.outside))
+        if self.zoom is not None and followup.hidden is None:
+            return {}
+        masks = (
+            ("nearer", followup.nearer),
+            ("outside", followup.outside),
+            ("hidden", followup.hidden),
+        )
         return {f"{name}_fraction": float(m.mean()) for name, m in masks if m is not None}
 
     def to_json(self) -> dict[str, Any]:
@@ -324,7 +334,7 @@ class SimulatedPhotograph(ByValue):
             "size": [self.image.shape[1], self.image.shape[0]],
             "min": float(self.image.min()),
             "max": float(self.image.max()),
-            **(self.mask_fractions if self.zoom is None else {}),
+            **self.mask_fractions,
             **learned,
             "uncertainty": None if self.uncertainty is None else self.uncertainty.to_json(),
             "provenance": self.provenance.model_dump(mode="json"),
@@ -356,6 +366,21 @@ class SimulatedPhotograph(ByValue):
         if self.followup.nearer is None:
             raise ArgumentError("only a follow-up with a homography has a mask of nearer pixels")
         write_mask(output_path(path, "path", {".png"}), self.followup.nearer)
+
+    def write_hidden(self, path: FilePath) -> None:
+        """Write the mask of pixels that see what the reference does not show, as PNG.
+
+        Raises
+        ------
+        ArgumentError
+            If the scene was taken as flat.
+        ImageFileError
+            If the file cannot be written.
+        """
+        if self.followup.hidden is None or self.followup.outside is None:
+            raise ArgumentError("only a follow-up of a scene with depth has hidden pixels")
+        hidden = self.followup.hidden | self.followup.outside
+        write_mask(output_path(path, "path", {".png"}), hidden)
 
     def write_uncertainty(self, path: FilePath) -> None:
         """Write the standard error of each pixel as a float32 TIFF, whole or not at all.

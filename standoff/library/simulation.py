@@ -18,6 +18,7 @@ from simulation import (
     Psf,
     PsfField,
     SamplingGrid,
+    SceneDepth,
     SimulatedPose,
 )
 from simulation.arguments import (
@@ -49,10 +50,11 @@ from simulation.followup import (
     captured,
     followup_by,
     from_pose,
+    of_depth,
     zoomed_out,
 )
 from simulation.kernelgan import KernelGanSettings, kernel_operator
-from simulation.pose import homography_fault
+from simulation.pose import DepthView, homography_fault
 from simulation.sampling_grid import reference_shape
 from simulation.uncertainty import SimulatedView
 from standoff.errors import ApplicationError
@@ -241,6 +243,7 @@ def simulate(
     *,
     zoom: float | None = None,
     homography: ArrayLike | Homography | FilePath | None = None,
+    depth: SceneDepth | None = None,
     psf: PsfLike | None = None,
     model: Model | KernelModel = DEFAULT_MODEL,
     transfer: PsfShape = "best",
@@ -270,6 +273,10 @@ def simulate(
     homography
         Instead of ``zoom``: maps follow-up pixels ``(x, y, 1)`` to pixels of the image; a matrix of
         shape (3, 3), a `Homography`, or the path of an H.json.
+    depth
+        Depth of what the reference shows, as ``read_depth`` reads it: then nearer things grow more
+        than those behind them, and hide others. By default the scene is flat. For models
+        ``matched`` and ``lmmse``; a homography needs its focal length.
     psf
         The camera's PSF, which ``matched``, ``paper`` and ``lmmse`` need. If a calibration has a
         PSF for each colour, each channel of a colour photograph takes its own.
@@ -328,6 +335,8 @@ def simulate(
     >>> far.write("far.tif")
     """
     _refuse_together(zoom, homography, psf, model)
+    if depth is not None:
+        _refuse_with_depth(model, uncertainty)
     if uncertainty is not None:
         _refuse_uncertainty(model, camera)
     zoom = None if zoom is None else float(zoom)
@@ -351,6 +360,12 @@ def simulate(
             )
             kernel = found_kernel(call, reference, settings, kernel_cache)
             made = _learned(reference, settings, sampler, kernel, how)
+        elif depth is not None:
+            assert psf is not None
+            pose = None if homography is None else given_homography(homography, frame)
+            scene = depth, zoom, pose
+            kind: PoseModel = "lmmse" if model == "lmmse" else "matched"
+            made = _of_depth(call, reference, scene, (psf, transfer), (kind, how))
         elif homography is not None:
             assert psf is not None
             pose = given_homography(homography, frame)
@@ -375,7 +390,8 @@ def simulate(
         image=delivered,
         followup=made.followup,
         source=source,
-        pose=f"zoom {zoom!r}" if homography is None else f"homography {named}",
+        pose=(f"zoom {zoom!r}" if homography is None else f"homography {named}")
+        + ("" if depth is None else ", with depth"),
         model=model,
         zoom=zoom,
         kernel=kernel,
@@ -425,6 +441,39 @@ def _posed(
         followup=followup,
         psf=known[1],
         view=lambda: SimulatedView.of_pose(shape, pose.matrix, pose.size, options),
+        is_by_channel=is_by_channel,
+    )
+
+
+def _of_depth(
+    call: Call,
+    reference: AnyArray,
+    scene: tuple[SceneDepth, float | None, Homography | None],
+    known: tuple[PsfLike, PsfShape],
+    how: tuple[PoseModel, Rendering],
+) -> Simulation:
+    """The follow-up of a scene with depth, by a zoom or the homography of its plane."""
+    (depth, zoom, pose), (psf, transfer), (model, rendering) = scene, known, how
+    frame = reference.shape[1], reference.shape[0]
+    if pose is not None:
+        view = DepthView.of_homography(depth, pose.matrix, pose.size, pose.distortion_k1)
+    else:
+        assert zoom is not None
+        view = DepthView.further_away(depth, zoom)
+    size = view.follow_up[1], view.follow_up[0]
+    one_psf = frame_psf(call, psf, frame if size == frame else None, model, transfer)
+    options = PoseOptions(model=model, threads=rendering.threads)
+
+    def made(image: AnyArray, own: Psf | PsfField | None) -> FollowUp:
+        assert own is not None
+        return of_depth(image, depth, view, own, options, rendering.noise)
+
+    followup, is_by_channel = _by_channel(call, reference, (psf, one_psf), made)
+    return Simulation(
+        reference=reference,
+        how=rendering,
+        followup=followup,
+        psf=one_psf,
         is_by_channel=is_by_channel,
     )
 
@@ -504,6 +553,16 @@ def _refuse_uncertainty(model: Model | KernelModel, camera: CaptureOptions | Non
     if camera is not None and camera.sharpening is not None:
         raise ArgumentError(
             "uncertainty assumes independent noise in the pixels, which sharpening correlates; "
+            "leave out one of the two"
+        )
+
+
+def _refuse_with_depth(model: Model | KernelModel, uncertainty: UncertaintyOptions | None) -> None:
+    if model not in POSE_MODELS:
+        raise ArgumentError(f"depth needs model {' or '.join(POSE_MODELS)}, got {model}")
+    if uncertainty is not None:
+        raise ArgumentError(
+            "the uncertainty of a scene with depth is not known, as that of its depth is not; "
             "leave out one of the two"
         )
 

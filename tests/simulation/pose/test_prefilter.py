@@ -5,7 +5,7 @@ import pytest
 
 from simulation.arrays import FloatArray
 from simulation.pose._prefilter import LEAST_COPIES, QUINTIC_SPLINE, SamplingKernel
-from simulation.pose.simulate import _weight_table
+from simulation.pose.simulate import weight_table
 
 KERNELS = [QUINTIC_SPLINE, LEAST_COPIES]
 
@@ -72,7 +72,7 @@ def test_copies_are_less_than_the_splines_wherever_those_are_large() -> None:
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_weights_are_the_kernel_at_the_distances_of_six_pixels(kernel: SamplingKernel) -> None:
     part = np.linspace(0, 1, 11)
-    weights = part[:, None] ** np.arange(6) @ _weight_table(np.array(kernel.pieces))
+    weights = part[:, None] ** np.arange(6) @ weight_table(np.array(kernel.pieces))
     distances = np.abs(part[:, None] - np.arange(-2, 4))
     piece = np.minimum(distances.astype(int), 2)
     powers = (distances - piece)[..., None] ** np.arange(6)
