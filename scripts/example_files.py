@@ -151,6 +151,9 @@ def _write_photographs(folder: Path) -> None:
     left_out = np.zeros(middle.shape, np.uint8)
     left_out[:40, :60] = 255
     Image.fromarray(left_out).save(folder / "moving-parts.png")
+    depth = np.full(middle.shape, 290, np.float32)
+    depth[60:180, 100:220] = 260
+    tifffile.imwrite(folder / "depth.tif", depth)
     crack = np.zeros((9, 25, 4), np.uint8)
     crack[4, 2:23, 3] = 255
     Image.fromarray(crack).save(folder / "crack.png")

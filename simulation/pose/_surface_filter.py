@@ -35,6 +35,7 @@ _TERMS_TOLERANCE = 7e-4
 _BEYOND = 1.25
 _TINY = 1e-6
 _DECIMALS = 6
+"""Of the derivatives, so that rounding decides nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,7 +88,7 @@ def local_poses(
     excess = np.linalg.norm(slopes, 2, axis=(1, 2)) / (_BEYOND * largest)
     slopes = slopes / np.maximum(excess, 1.0)[:, None, None]
     missing = slopes @ far @ slopes.swapaxes(1, 2) - near
-    kept = without_sharpening(slopes, near, far)
+    kept = np.round(without_sharpening(slopes, near, far), _DECIMALS)
     features = kept.reshape(-1, 4)
     if isinstance(psf, PsfField):
         features = np.column_stack([features, x, y])
@@ -120,7 +121,7 @@ def _pose(
             return psf
         return psf.at(min(max(x, 0), psf.width_px - 1), min(max(y, 0), psf.height_px - 1))
 
-    a, b, c, d = np.round(kept, _DECIMALS).ravel().tolist()
+    a, b, c, d = kept.ravel().tolist()
     far_x, far_y = far_px.tolist()
     return LocalPose(near=at(*near_px), far=at(far_x, far_y), slopes=(a, b, c, d))
 

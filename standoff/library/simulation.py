@@ -360,21 +360,9 @@ def simulate(
             )
             kernel = found_kernel(call, reference, settings, kernel_cache)
             made = _learned(reference, settings, sampler, kernel, how)
-        elif depth is not None:
-            assert psf is not None
-            pose = None if homography is None else given_homography(homography, frame)
-            scene = depth, zoom, pose
-            kind: PoseModel = "lmmse" if model == "lmmse" else "matched"
-            made = _of_depth(call, reference, scene, (psf, transfer), (kind, how))
-        elif homography is not None:
-            assert psf is not None
-            pose = given_homography(homography, frame)
-            one_frame = frame if pose.size == frame else None
-            known = psf, frame_psf(call, psf, one_frame, model, transfer)
-            made = _posed(call, reference, pose, known, model, how)
         else:
-            assert zoom is not None
-            made = _zoomed(call, reference, zoom, psf, (model, transfer), how)
+            pose = None if homography is None else given_homography(homography, frame)
+            made = _modelled(call, reference, (zoom, pose, depth), psf, (model, transfer), how)
         if uncertainty is not None:
             assert psf is not None
             whence = photograph, correct is not None
@@ -385,13 +373,14 @@ def simulate(
         raise _refusal(error, fault, source) from error
     if not np.all(np.isfinite(delivered)):
         raise ApplicationError(f"{source}: the follow-up's levels exceed float32; lower --exposure")
-    named = Path(fault).name if fault != source else "given"
+    words = f"zoom {zoom!r}"
+    if homography is not None:
+        words = f"homography {Path(fault).name if fault != source else 'given'}"
     return SimulatedPhotograph(
         image=delivered,
         followup=made.followup,
         source=source,
-        pose=(f"zoom {zoom!r}" if homography is None else f"homography {named}")
-        + ("" if depth is None else ", with depth"),
+        pose=words if depth is None else f"{words}, with depth",
         model=model,
         zoom=zoom,
         kernel=kernel,
@@ -399,6 +388,27 @@ def simulate(
         notes=call.notes,
         uncertainty=errors,
     )
+
+
+def _modelled(
+    call: Call,
+    reference: AnyArray,
+    where: tuple[float | None, Homography | None, SceneDepth | None],
+    psf: PsfLike | None,
+    kind: tuple[Model, PsfShape],
+    how: Rendering,
+) -> Simulation:
+    """The follow-up by a model that learns nothing: further away or from another pose."""
+    (zoom, pose, depth), (model, transfer) = where, kind
+    if depth is not None:
+        return _of_depth(call, reference, (depth, zoom, pose), psf, kind, how)
+    if pose is not None:
+        assert psf is not None
+        frame = reference.shape[1], reference.shape[0]
+        known = psf, frame_psf(call, psf, frame if pose.size == frame else None, model, transfer)
+        return _posed(call, reference, pose, known, model, how)
+    assert zoom is not None
+    return _zoomed(call, reference, zoom, psf, kind, how)
 
 
 def _learned(
@@ -449,11 +459,13 @@ def _of_depth(
     call: Call,
     reference: AnyArray,
     scene: tuple[SceneDepth, float | None, Homography | None],
-    known: tuple[PsfLike, PsfShape],
-    how: tuple[PoseModel, Rendering],
+    psf: PsfLike | None,
+    kind: tuple[Model, PsfShape],
+    how: Rendering,
 ) -> Simulation:
     """The follow-up of a scene with depth, by a zoom or the homography of its plane."""
-    (depth, zoom, pose), (psf, transfer), (model, rendering) = scene, known, how
+    (depth, zoom, pose), (model, transfer) = scene, kind
+    assert psf is not None
     frame = reference.shape[1], reference.shape[0]
     if pose is not None:
         view = DepthView.of_homography(depth, pose.matrix, pose.size, pose.distortion_k1)
@@ -462,16 +474,16 @@ def _of_depth(
         view = DepthView.further_away(depth, zoom)
     size = view.follow_up[1], view.follow_up[0]
     one_psf = frame_psf(call, psf, frame if size == frame else None, model, transfer)
-    options = PoseOptions(model=model, threads=rendering.threads)
+    options = PoseOptions(model="lmmse" if model == "lmmse" else "matched", threads=how.threads)
 
     def made(image: AnyArray, own: Psf | PsfField | None) -> FollowUp:
         assert own is not None
-        return of_depth(image, depth, view, own, options, rendering.noise)
+        return of_depth(image, depth, view, own, options, how.noise)
 
     followup, is_by_channel = _by_channel(call, reference, (psf, one_psf), made)
     return Simulation(
         reference=reference,
-        how=rendering,
+        how=how,
         followup=followup,
         psf=one_psf,
         is_by_channel=is_by_channel,

@@ -24,6 +24,7 @@ standoff geometry --session session --out geometry.json
 standoff noise --session session --out noise.json --report noise.html
 standoff simulate near.tif --zoom 2 --psf psf.json --out far.tif
 standoff simulate near.tif --homography H.json --psf psf.json --out tilted.tif
+standoff simulate near.tif --zoom 2 --depth depth.tif --psf psf.json --out far.tif
 standoff sr-pairs photographs --psf psf.json --zoom 2 --out pairs
 standoff change-pairs photographs --psf psf.json --zooms 1,2.5 --noise 1,4 --out pairs
 standoff plan-study --bench bench.toml --plan plan.toml --psf psf.json --want sigma=0.5%

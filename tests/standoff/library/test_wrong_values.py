@@ -39,6 +39,7 @@ MADE_BY_HAND: dict[str, dict[str, object]] = {
     "CharucoBoard": {"columns": 5, "rows": 4, "square_mm": 10.0, "marker_mm": 7.0},
     "ErrorSources": {},
     "Homography": {"matrix": np.eye(3), "size": (4, 3)},
+    "SceneDepth": {"depth": np.full((64, 64), 3.0)},
     "Region": {"x_px": 0, "y_px": 0, "width_px": 9, "height_px": 9},
 }
 """Types of arguments that have no function to make them."""
