@@ -20,7 +20,7 @@ from analysis.evaluation.roc import MOST_MARKS as MARKS, marks_of
 from analysis.evaluation.task import EvaluationTask, LaterScene
 from analysis.sweep import Batch, Commit, Record, SweepItem, SweepWork
 from simulation import Psf
-from simulation.arrays import Float32Array
+from simulation.arrays import Float32Array, FloatArray
 
 _SAVED_EVERY_S = 20.0
 _MOST_FAILURES = 25
@@ -41,6 +41,8 @@ class EvaluationWork(SweepWork):
         Photograph of a file, or a RefusedPhotographError; a function that a worker can import.
     later
         Likewise the scene of that photograph as it was later; None to paint the task's change.
+    depth
+        Likewise the depth of that photograph's scene; None for flat scenes.
     reading
         How ``load`` reads, as text.
     folder
@@ -56,6 +58,7 @@ class EvaluationWork(SweepWork):
     psf: Psf | None
     load: Callable[[Path], SceneImage]
     later: Callable[[Path], LaterScene] | None = None
+    depth: Callable[[Path], FloatArray] | None = None
     reading: str
     folder: Path
     timeout_s: float = 60.0
@@ -109,7 +112,12 @@ class EvaluationWork(SweepWork):
         if later is not None and levels_dn.ndim == 2:
             later = later.in_grey
         return PairMaker(
-            levels_dn=levels_dn, digest=scene.sha256, task=self.task, psf=self.psf, later=later
+            levels_dn=levels_dn,
+            digest=scene.sha256,
+            task=self.task,
+            psf=self.psf,
+            later=later,
+            depth=None if self.depth is None else self.depth(path),
         )
 
     @property

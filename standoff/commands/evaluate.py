@@ -40,6 +40,7 @@ def evaluate(
     patch: Path | None = None,
     after: Path | None = None,
     masks: Path | None = None,
+    depth: terminal.DepthFolder = None,
     pairs: Annotated[int, Option(min=1)] = 20,
     crop: Annotated[int, Option(min=16)] = 128,
     focal_length_px: terminal.FocalLengthOfTilts = None,

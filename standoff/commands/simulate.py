@@ -96,7 +96,9 @@ def simulate(
     homography: Annotated[Path | None, _pose()] = None,
     nearer: Annotated[Path | None, _pose(), terminal.Result(".png")] = None,
     depth: Annotated[Path | None, _depth()] = None,
-    focal_length_px: Annotated[float | None, _depth()] = None,
+    focal_length_px: Annotated[
+        float | None, _depth(parser=terminal.quantity("focal_length_px"))
+    ] = None,
     plane_depth: Annotated[float | None, _depth()] = None,
     hidden: Annotated[Path | None, _depth(), terminal.Result(".png")] = None,
     psf: Annotated[Path | None, _model()] = None,

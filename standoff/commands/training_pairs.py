@@ -100,6 +100,7 @@ def change_pairs(
     contrast: str = "6,40",
     changes: library.ChangeSigns = "both",
     signal_sigma: str = "1.5,3",
+    depth: terminal.DepthFolder = None,
     pairs: Annotated[int, Option(min=1)] = 20,
     crop: Annotated[int, Option(min=16)] = 96,
     focal_length_px: terminal.FocalLengthOfTilts = None,

@@ -10,9 +10,12 @@ from typing import Protocol
 import numpy as np
 
 from acquisition.photographs import Inputs, Photograph, ReadOptions, read_photograph
+from acquisition.printable import on_one_line
 from acquisition.session import file_sha256
 from analysis.detectability import SceneImage
 from analysis.errors import RefusedPhotographError
+from calibration.errors import CalibrationError
+from calibration.scene_depth import depth_of_file
 from simulation.arrays import FloatArray
 from standoff.errors import HintError, ImageFileError
 
@@ -82,3 +85,28 @@ def list_inputs(
             file.write(f"{one.sha256}  {one.path}\n")
     for encoding in sorted(encodings):
         inputs.add_known(str(listed), file_sha256(listed), encoding)
+
+
+_SAME_NAME = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr", ".dng")
+
+
+def photograph_depth(folder: Path, photograph: Path) -> FloatArray:
+    """Read the depth of a photograph's scene, from the folder's file of its name."""
+    path = named_as(photograph, folder, "depth", ".json")
+    try:
+        return depth_of_file(path)
+    except (CalibrationError, ImageFileError) as error:
+        raise RefusedPhotographError(str(error)) from error
+
+
+def named_as(photograph: Path, folder: Path, kind: str, *suffixes: str) -> Path:
+    """The file of a photograph's name in a folder, with an image's suffix or one of those named."""
+    same = Path(folder) / photograph.name
+    if same.is_file():
+        return same
+    for suffix in (*_SAME_NAME, *suffixes):
+        if same.with_suffix(suffix).is_file():
+            return same.with_suffix(suffix)
+    raise RefusedPhotographError(
+        f"there is no {kind} of its name, {photograph.stem}, in {on_one_line(folder)}"
+    )

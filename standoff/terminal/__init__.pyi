@@ -38,6 +38,7 @@ from ._options import (
     Choice as Choice,
     CurveModel as CurveModel,
     CurvesPath as CurvesPath,
+    DepthFolder as DepthFolder,
     EncodingName as EncodingName,
     FocalLengthOfTilts as FocalLengthOfTilts,
     FocusScatter as FocusScatter,

@@ -316,6 +316,13 @@ FocalLengthOfTilts = Annotated[
         parser=quantity("focal_length_px"),
     ),
 ]
+DepthFolder = Annotated[
+    Path | None,
+    Option(
+        help="Folder of depth maps (TIFF, PNG) or lists of planes (JSON) with the photographs' "
+        "names; by default scenes are flat."
+    ),
+]
 FocusScatterOfPairs = Annotated[
     float,
     Option(

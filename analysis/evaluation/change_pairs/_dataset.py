@@ -37,6 +37,7 @@ from analysis.sweep import (
 )
 from calibration.documents import read_document
 from simulation import Psf
+from simulation.arrays import FloatArray
 
 STATE_NAME = "shards"
 _NAME_LETTERS = 24
@@ -58,6 +59,8 @@ class ChangePairsWork(SweepWork):
         Photograph of a file, or a RefusedPhotographError; a function that a worker can import.
     reading
         How ``load`` reads, as text.
+    depth
+        Depth of a photograph's scene, or a RefusedPhotographError; None for flat scenes.
     """
 
     out: Path
@@ -65,6 +68,7 @@ class ChangePairsWork(SweepWork):
     psf: Psf | None
     load: Callable[[Path], SceneImage]
     reading: str
+    depth: Callable[[Path], FloatArray] | None = None
 
     @property
     def key(self) -> str:
@@ -85,7 +89,8 @@ class ChangePairsWork(SweepWork):
         """Write the pairs of a photograph; copies of one share its file."""
         scene = self.load(item.path)
         levels_dn = scene.grey_dn if scene.colours is None else scene.colours()
-        made = list(labelled_pairs(levels_dn, scene.sha256, self.task, self.psf))
+        depth = None if self.depth is None else self.depth(item.path)
+        made = list(labelled_pairs(levels_dn, scene.sha256, self.task, self.psf, depth))
         split = split_of(scene.sha256, self.task.seed, self.task.test_fraction)
         settings = hashlib.sha256(self.key.encode()).hexdigest()
         file = f"{split}/{scene.sha256[:_NAME_LETTERS]}-{settings[:8]}.npz"

@@ -123,6 +123,8 @@ _CONDITIONS_STREAM = 1 << 31
 """Keeps the draws of the conditions apart from those of the pairs, whose numbers are small."""
 
 _PEAK_SHARE = 0.5
+_HIDDEN = 0.02
+"""Share of a change's peak of which nobody would say that it is seen."""
 
 
 def _rising(ends: tuple[float, float]) -> tuple[float, float]:
@@ -265,13 +267,24 @@ class _Photograph:
     levels_dn: FloatArray
     digest: str
     psf: Psf | None
+    depth: FloatArray | None
 
     def maker(self, task: EvaluationTask) -> PairMaker:
-        return PairMaker(levels_dn=self.levels_dn, digest=self.digest, task=task, psf=self.psf)
+        return PairMaker(
+            levels_dn=self.levels_dn,
+            digest=self.digest,
+            task=task,
+            psf=self.psf,
+            depth=self.depth,
+        )
 
 
 def labelled_pairs(
-    levels_dn: FloatArray, digest: str, task: ChangePairsTask, psf: Psf | None
+    levels_dn: FloatArray,
+    digest: str,
+    task: ChangePairsTask,
+    psf: Psf | None,
+    depth: FloatArray | None = None,
 ) -> Iterator[LabelledPair]:
     """Yield the pairs of a photograph, of each crop the one without and then the one with a change.
 
@@ -285,13 +298,15 @@ def labelled_pairs(
         Hash of the photograph's content, in hexadecimal digits.
     task, psf
         What pairs, and the camera's total PSF.
+    depth
+        Of what the photograph shows, as for `PairMaker`; a hidden change is labelled as none.
 
     Raises
     ------
     RefusedPhotographError
-        If the photograph is too small for the widest pair.
+        If the photograph is too small for the widest pair, or its depth does not fit.
     """
-    photograph = _Photograph(levels_dn=levels_dn, digest=digest, psf=psf)
+    photograph = _Photograph(levels_dn=levels_dn, digest=digest, psf=psf, depth=depth)
     photograph.maker(task.widest)  # refuses a small photograph as a whole
     content = int(digest[:16] or "0", 16)
     for crop in range(task.pairs):
@@ -300,7 +315,7 @@ def labelled_pairs(
         changed = _changed_pixels(photograph, drawn, crop)
         (condition,) = drawn.conditions
         for pair in photograph.maker(drawn).pairs(crop, condition):
-            is_changed = pair.place is not None
+            is_changed = pair.place is not None and bool(changed.any())
             yield LabelledPair(
                 reference=pair.reference,
                 followup=pair.followup,
@@ -320,6 +335,8 @@ def _changed_pixels(photograph: _Photograph, task: EvaluationTask, crop: int) ->
         pair.followup.astype(np.float64) for pair in photograph.maker(clean).pairs(crop, condition)
     )
     added = np.sign(condition.contrast_dn) * luma_plane(after - before)
+    if photograph.depth is not None and added.max() <= _HIDDEN * abs(condition.contrast_dn):
+        return np.zeros(added.shape, dtype=np.bool_)
     if not added.max() > 0:
         raise RefusedPhotographError("its levels are so large that a change is lost in rounding")
     return np.asarray(added > _PEAK_SHARE * added.max())

@@ -20,7 +20,7 @@ from simulation.notebook import Shown
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, FilePath, Progress, PsfLike, listed_paths, path_of
 from standoff.library.psf import camera_psf
-from standoff.library.swept_photographs import colour_scene_image
+from standoff.library.swept_photographs import colour_scene_image, photograph_depth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -42,6 +42,7 @@ def change_pairs(
     psf: PsfLike | None,
     task: ChangePairsTask | None = None,
     *,
+    depth: FilePath | None = None,
     transfer: PsfShape = "best",
     sweep: SweepOptions | None = None,
     reading: ReadOptions | None = None,
@@ -66,6 +67,9 @@ def change_pairs(
     task
         Ranges of poses, noise and changes, and the number of pairs; the defaults of
         ``ChangePairsTask`` if None.
+    depth
+        Folder of depth maps or lists of planes, as in `evaluate`. A change that is hidden is
+        labelled as none. By default scenes are flat.
     transfer
         Which PSF of a calibration to use: ``measured``, ``gaussian``, or ``best``: the measured
         one if the calibration has it, else the Gaussian.
@@ -105,12 +109,15 @@ def change_pairs(
     if known is None and task.model != "bicubic":
         raise ArgumentError(f"model {task.model} needs a PSF", argument="psf")
     options = call.inputs.options
+    if depth is not None:
+        depth = path_of(depth, "depth").absolute()
     work = ChangePairsWork(
         out=path_of(out, "out").absolute(),
         task=task,
         psf=known,
         load=partial(colour_scene_image, options),
-        reading=str(options),
+        reading=str(options) if depth is None else str((str(options), str(depth))),
+        depth=None if depth is None else partial(photograph_depth, depth),
     )
     paths = each_image(listed_paths(photographs, "photographs"))
     try:

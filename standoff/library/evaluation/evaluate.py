@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from heapq import nsmallest
 from math import ceil
-from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -60,7 +59,12 @@ from standoff.library.call import (
     path_of,
 )
 from standoff.library.psf import camera_psf
-from standoff.library.swept_photographs import colour_scene_image, list_inputs
+from standoff.library.swept_photographs import (
+    colour_scene_image,
+    list_inputs,
+    named_as,
+    photograph_depth,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -143,6 +147,7 @@ def evaluate(
     state: FilePath | None = None,
     after: FilePath | None = None,
     masks: FilePath | None = None,
+    depth: FilePath | None = None,
     transfer: PsfShape = "best",
     timeout_s: float = 60.0,
     sweep: SweepOptions | None = None,
@@ -174,6 +179,10 @@ def evaluate(
     after, masks
         Real changes instead of the task's: a folder of later photographs from the same pose, and a
         folder of masks of what changed, each file named like its photograph.
+    depth
+        Folder of depth maps or lists of planes, as ``read_depth`` reads them, each named like its
+        photograph: then nearer things are displaced and hide others, while detectors are told the
+        homography of the plane at the depth of a pair's middle. By default scenes are flat.
     transfer
         Which PSF of a calibration to use: ``measured``, ``gaussian``, or ``best``: the measured
         one if the calibration has it, else the Gaussian.
@@ -219,6 +228,8 @@ def evaluate(
     if after is not None and masks is not None:
         folders = [path_of(one, "folder").absolute() for one in (after, masks)]
         later = partial(later_scene, folders[0], folders[1], options)
+    if depth is not None:
+        depth = path_of(depth, "depth").absolute()
     sweep = sweep or SweepOptions()
     with ExitStack() as temporary:
         if state is None:
@@ -229,13 +240,19 @@ def evaluate(
             psf=known,
             load=partial(colour_scene_image, options),
             later=later,
-            reading=str((str(options), *map(str, () if later is None else later.args[:2]))),
+            depth=None if depth is None else partial(photograph_depth, depth),
+            reading=_reading(options, *(() if later is None else later.args[:2]), depth),
             folder=path_of(state, "state").absolute(),
             timeout_s=timeout_s,
             is_strict=sweep.strict,
         )
         paths = each_image(listed_paths(photographs, "photographs"))
         return _evaluated(call, paths, work, sweep)
+
+
+def _reading(options: ReadOptions, *folders: Path | None) -> str:
+    """How photographs and what goes with them are read, as text."""
+    return str((str(options), *(str(one) for one in folders if one is not None)))
 
 
 def _spec(detector: Detector | str) -> DetectorSpec:
@@ -315,6 +332,9 @@ def _bounds(
             "reference) it would take too long"
         )
         return {}
+    if work.depth is not None:
+        call.announce("no bound is given: it applies to flat scenes")
+        return {}
     if is_colour:
         call.announce("no bound is given: it applies to grey levels, and these pairs are in colour")
         return {}
@@ -365,9 +385,6 @@ def evaluation_made_by(path: Path) -> str | None:
     return None if stored is None else stored.command
 
 
-_SAME_NAME = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr", ".dng")
-
-
 @checked
 def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
     """Return a picture as a change; the alpha channel of a PNG or TIFF says what it covers.
@@ -414,22 +431,10 @@ def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
 
 def later_scene(after: Path, masks: Path, options: ReadOptions, photograph: Path) -> LaterScene:
     """Read the later photograph and the mask of a photograph's name; refuse it without them."""
-    later = colour_scene_image(options, _named_as(photograph, after, "photograph of later"))
-    mask = colour_scene_image(options, _named_as(photograph, masks, "mask"))
+    later = colour_scene_image(options, named_as(photograph, after, "photograph of later"))
+    mask = colour_scene_image(options, named_as(photograph, masks, "mask"))
     try:
         after_dn = later.grey_dn if later.colours is None else later.colours()
         return LaterScene(after_dn=after_dn, mask=mask.grey_dn > 0)
     except ValueError as error:
         raise RefusedPhotographError(str(error)) from error
-
-
-def _named_as(photograph: Path, folder: str | PathLike[str], kind: str) -> Path:
-    same = Path(folder) / photograph.name
-    if same.is_file():
-        return same
-    for suffix in _SAME_NAME:
-        if same.with_suffix(suffix).is_file():
-            return same.with_suffix(suffix)
-    raise RefusedPhotographError(
-        f"there is no {kind} of its name, {photograph.stem}, in {on_one_line(folder)}"
-    )
