@@ -41,8 +41,9 @@ class DepthErrors:
     """Errors of one follow-up, over its contrast, where both photographs see the same.
 
     ``apart``: away from steps and borders; ``flat``: of the ground alone there; ``everywhere``,
-    ``plane``, ``remap``: beside steps too, by us, the homography, and OpenCV. ``hidden_px``: pixels that are hidden;
-    ``wrong_px``: those that are said to be and are not, or the other way, beyond 1 px.
+    ``plane``, ``remap``: beside steps too, by us, the homography, and OpenCV. ``hidden_px``:
+    pixels that are hidden; ``wrong_px``: those that are said to be and are not, or the other way,
+    beyond 1 px.
     """
 
     kind: str
