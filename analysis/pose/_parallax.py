@@ -1,7 +1,7 @@
 """What the depth of a scene costs a follow-up from this pose, and which pose would show less."""
 
 from dataclasses import dataclass
-from math import hypot, sqrt, tan
+from math import hypot, tan
 from typing import Literal
 
 import numpy as np
@@ -38,7 +38,7 @@ class PoseParallax(StoredValues):
         Share of the overlap that one of the photographs hides, or whose depth is not known; no
         change would be found there.
     place_err_px
-        Root mean square error of the places that follow from the parallax, in reference pixels.
+        Median standard error of the places that follow from the parallax, in reference pixels.
     larger_is
         Whether what has the larger parallax is nearer to the camera or farther away; None if the
         two photographs do not tell.
@@ -133,11 +133,11 @@ def _place_err_px(pose: DistortedPose) -> float:
     """Error of the places, in reference pixels, where both photographs show the same."""
     depth = pose.parallax
     assert depth is not None, "a pose with parallax"
-    error = depth.error_px[depth.is_seen & np.isfinite(depth.error_px)].astype(np.float64)
+    error = depth.error_px[depth.is_seen & np.isfinite(depth.error_px)]
     if not error.size:
         return 0.0
     scale = pose.plane.zoom if depth.photograph == "followup" else 1.0
-    return scale * sqrt(float(np.mean(error**2)))
+    return scale * float(np.median(error))
 
 
 def _move(pose: DistortedPose, epipole: FloatArray) -> tuple[float, float] | None:

@@ -15,8 +15,11 @@ import numpy as np
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue
 
-_TRIED_FOCAL = (0.6, 1.0, 1.7, 3.0, 5.0, 9.0)
+_TRIED_FOCAL = np.geomspace(0.6, 9.0, 16).tolist()
 """Focal lengths, relative to a frame's longer side: from a fisheye to a strong telephoto."""
+
+_SURE_NORMAL_ERR, _MOST_NORMAL_ERR = 0.1, 0.25
+"""Contradictions of plane and epipole: of the best lens at most, and of one that counts."""
 
 _LEAST_OFFSET = 1e-9
 
@@ -167,24 +170,24 @@ def likely_viewpoint(
     """Where the reference's camera stood, in a direction that is right but for the lens; or None.
 
     Which of two opposite sides it is follows from how the plane is foreshortened, which a focal
-    length scales: the side counts if it is the same for every lens that a camera may have. None
-    also where one of the photographs is a mirror image.
+    length scales: the side counts if it is the same for every lens by which plane and epipole agree
+    in some measure. None also where one of the photographs is a mirror image.
     ``shape``: ``(rows, cols)`` of both photographs, whose middle is taken as the principal point.
     """
     if np.linalg.det(matrix) <= 0:
         return None
     rows, cols = shape
-    corners = np.array([0.0, cols - 1, 0, cols - 1]), np.array([0.0, 0, rows - 1, rows - 1])
-    found = None
+    found: list[Viewpoint] = []
     for relative in _TRIED_FOCAL:
         camera = FrameCamera(
             focal_length_px=relative * max(shape),
             principal_px=((cols - 1) / 2, (rows - 1) / 2),
         )
         one = Viewpoint.of(matrix, epipole, camera)
-        if one is None or not one.sees_plane_at(*corners):
-            return None
-        if found is not None and one.nearer_sign(epipole) != found.nearer_sign(epipole):
-            return None
-        found = found or one
-    return found
+        if one is not None and one.normal_err < _MOST_NORMAL_ERR:
+            found.append(one)
+    sides = {one.nearer_sign(epipole) for one in found}
+    best = min(found, key=lambda one: one.normal_err, default=None)
+    if best is None or best.normal_err > _SURE_NORMAL_ERR or len(sides) > 1:
+        return None
+    return best
