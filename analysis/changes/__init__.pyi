@@ -1,5 +1,9 @@
 from ._colour import PairColours as PairColours
-from ._depth import DepthMap as DepthMap, depth_in_mm as depth_in_mm
+from ._depth import (
+    DepthMap as DepthMap,
+    ParallaxMap as ParallaxMap,
+    depth_in_mm as depth_in_mm,
+)
 from ._document import (
     Change as Change,
     ChangeSummary as ChangeSummary,

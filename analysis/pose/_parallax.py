@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.changes import ChangeResult
+from analysis.changes import ParallaxMap, SceneParallax
 from analysis.results_file import StoredValues
 from calibration.parallax import likely_viewpoint
 from calibration.registration import DistortedPose
@@ -98,12 +98,12 @@ class ParallaxCost(ByValue):
     is_hidden: BoolArray
 
 
-def parallax_cost(compared: ChangeResult) -> ParallaxCost | None:
-    """What parallax costs, by a comparison; None where a plane explains the pair."""
-    seen, found = compared.parallax, compared.summary.parallax
-    if seen is None or found is None:
-        return None
-    pose, epipole = compared.pose, np.array(found.epipole)
+def parallax_cost(pose: DistortedPose, seen: ParallaxMap, found: SceneParallax) -> ParallaxCost:
+    """What the parallax costs that a comparison found.
+
+    ``pose``: with that parallax. ``seen``: on the follow-up's pixels, known somewhere.
+    """
+    epipole = np.array(found.epipole)
     rows, cols = pose.followup_shape
     middle_x, middle_y = (cols - 1) / 2, (rows - 1) / 2
     is_known = np.isfinite(seen.parallax_px)

@@ -245,9 +245,10 @@ def _as_compared(
         call.note(f"no detection limit: {error}")
         return judged
     judged = replace(judged, detection_limit=found.summary.detection_limit)
-    cost = parallax_cost(found)
-    if cost is None:
+    seen, figures = found.parallax, found.summary.parallax
+    if seen is None or figures is None:
         return judged
+    cost = parallax_cost(found.pose, seen, figures)
     place_err_px = hypot(judged.place_err_px, cost.figures.place_err_px)
     curve = demand.curve.knowing(registration_err_px=place_err_px / sqrt(2))
     quality = quality_with_depth(judged.quality, curve, cost)
