@@ -8,6 +8,7 @@ Zisserman, "Multiple View Geometry in Computer Vision", 2nd edition, section 13.
 """
 
 from dataclasses import dataclass, field
+from math import hypot
 from typing import Self
 
 import numpy as np
@@ -20,6 +21,9 @@ _TRIED_FOCAL = np.geomspace(0.6, 9.0, 16).tolist()
 
 _SURE_NORMAL_ERR, _MOST_NORMAL_ERR = 0.1, 0.25
 """Contradictions of plane and epipole: of the best lens at most, and of one that counts."""
+
+_PLANE_ERR_PX = 0.05
+"""By which a plane is off, of rendered scenes: plates tell of their ground, too."""
 
 _LEAST_OFFSET = 1e-9
 
@@ -130,6 +134,16 @@ class Viewpoint(ByValue):
         )
 
     @property
+    def tilt_err(self) -> float:
+        """Standard error of the normal, and of the baseline relative to itself.
+
+        A plane is known to a share of a pixel, of what its tilt displaces the middle of a side by.
+        """
+        half_px = max(self.camera.principal_px)
+        shown_px = float(np.linalg.norm(self.centre)) * half_px**2 / self.camera.focal_length_px
+        return hypot(self.normal_err, _PLANE_ERR_PX / shown_px)
+
+    @property
     def distance_ratio(self) -> float:
         """Distance of the reference's camera from the plane, over the follow-up's."""
         return float(1 - self.normal @ self.centre)
@@ -145,8 +159,8 @@ class Viewpoint(ByValue):
     def heights(self, seen: SeenParallax) -> Heights:
         """Heights above the plane, in distances of the follow-up's camera from it.
 
-        The error is that of the parallax and of the plane's tilt; that of the distance scales all
-        heights.
+        The error is that of the parallax, the plane's tilt and the baseline; that of the distance
+        scales all heights.
         """
         baseline = self.camera.matrix @ self.centre
         scale = float(seen.epipole @ baseline) / float(baseline @ baseline)
@@ -156,7 +170,7 @@ class Viewpoint(ByValue):
         height = lifted / (1 + lifted)
         by_parallax = rise / (1 + lifted) ** 2 * seen.relative_depth_errs
         rays = self.camera.rays(seen.x_px, seen.y_px)
-        by_plane = self.normal_err * np.sqrt(height**2 + rays[0] ** 2 + rays[1] ** 2)
+        by_plane = self.tilt_err * np.sqrt(height**2 + rays[0] ** 2 + rays[1] ** 2)
         return Heights(height=height, error=np.asarray(np.hypot(by_parallax, by_plane)))
 
     def _facing(self, x_px: FloatArray, y_px: FloatArray) -> FloatArray:

@@ -111,13 +111,12 @@ def test_heights_are_those_of_the_scene_within_what_they_are_said_to_err(
     measured = np.isfinite(depth.error_mm) & made.is_seen
     np.testing.assert_array_equal(np.isfinite(depth.depth_mm), np.isfinite(seen.parallax_px))
     apart = (depth.depth_mm - made.height_px)[measured]
-    # Plates of 60 to 110 px, of which a pixel of parallax is 7 to 15: the plane lies .2 px above
-    # the ground or below.
-    offset = float(np.median(apart))
-    assert abs(offset) < 3.0
-    error = np.abs(apart - offset)
-    assert np.median(error) < 1.5
-    assert np.mean(error < 2 * depth.error_mm[measured]) > 0.7
+    # Plates of 60 to 110 px, of which a pixel of parallax is 7 to 15.
+    assert np.median(np.abs(apart)) < 2.5
+    # Some beside steps err by more than they are said to.
+    assert np.mean(np.abs(apart) < 2 * depth.error_mm[measured]) > 0.85
+    # Heights are in proportion to a baseline that is known to as much.
+    assert np.median(depth.error_mm[measured]) < 12.0
     said = known(depth.figures.depth)
     assert said.distance_mm == pytest.approx(views[1].distance_px, rel=0.02)
     baseline = float(np.linalg.norm(views[0].centre - views[1].centre))

@@ -30,7 +30,9 @@ class Setup:
         normal = np.array([0.15, -0.2, 1.0])
         rotation, _ = cv2.Rodrigues(np.array([0.05, -0.12, 0.3]))
         return cls(
-            centre=np.array(centre), normal=normal / np.linalg.norm(normal), rotation=rotation
+            centre=np.array(centre),
+            normal=normal / np.linalg.norm(normal),
+            rotation=np.asarray(rotation, dtype=np.float64),
         )
 
     @property
@@ -111,14 +113,26 @@ def test_the_error_of_a_height_is_that_of_its_parallax() -> None:
         error_px=seen.error_px,
     )
     moved = np.abs(viewpoint.heights(more).height - HEIGHTS)
-    np.testing.assert_allclose(viewpoint.heights(seen).error, moved, rtol=1e-3)
+    by_plane = viewpoint.heights(setup.seen(HEIGHTS)).error
+    expected = np.hypot(moved, by_plane)
+    np.testing.assert_allclose(viewpoint.heights(seen).error, expected, rtol=1e-3)
+
+
+def test_a_plane_is_known_the_better_the_more_its_tilt_is_seen() -> None:
+    wide, narrow = (
+        known(Viewpoint.of(Setup.of(centre).matrix, Setup.of(centre).epipole, CAMERA))
+        for centre in (ASIDE, (0.02, -0.01, 0.002))
+    )
+    # .05 px of what a baseline of .225 displaces 199.5 px from the middle by, in proportion to it.
+    assert wide.tilt_err == pytest.approx(0.05 * 520 / 199.5**2 / np.linalg.norm(ASIDE), rel=1e-3)
+    assert narrow.tilt_err == pytest.approx(10 * wide.tilt_err, rel=1e-3)
 
 
 def test_an_epipole_that_contradicts_the_plane_widens_the_error_away_from_the_middle() -> None:
     setup = Setup.of(ASIDE)
     aside = setup.epipole + np.array([0.0, 0.1, 0.0])
     viewpoint = known(Viewpoint.of(setup.matrix, aside, CAMERA))
-    assert viewpoint.normal_err > 0.01
+    assert viewpoint.tilt_err > viewpoint.normal_err > 0.01
     flat = SeenParallax(
         epipole=aside,
         x_px=np.array([199.5, 199.5 + 52.0]),
@@ -128,7 +142,7 @@ def test_an_epipole_that_contradicts_the_plane_widens_the_error_away_from_the_mi
     )
     # A plane tilted by an angle is off by it times the distance from the axis: 52 of 520 px.
     np.testing.assert_allclose(
-        viewpoint.heights(flat).error, [0.0, 0.1 * viewpoint.normal_err], atol=1e-12
+        viewpoint.heights(flat).error, [0.0, 0.1 * viewpoint.tilt_err], atol=1e-12
     )
 
 
