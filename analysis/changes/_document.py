@@ -404,7 +404,7 @@ def describe_depth(found: ChangeSummary) -> str | None:
         )
     return (
         f"the scene has depth: parallax of {depth.low_px:+.1f} to {depth.high_px:+.1f} px{side} "
-        f"beside a plane explains {depth.held_out_gain:.0%} of what the plane leaves"
+        f"beside a plane explains {100 * depth.held_out_gain:.0f} % of what the plane leaves"
         f"{hidden}{heights}"
     )
 

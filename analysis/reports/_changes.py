@@ -205,7 +205,10 @@ def _depth_section(summary: ChangeSummary, depth_map: ReportFigure | None) -> Re
                 ("distance between the two cameras", f"{depth.baseline_mm:.3g} mm"),
             )
         ),
-        ("of what a plane leaves in held-out blocks, explained", f"{found.held_out_gain:.0%}"),
+        (
+            "of what a plane leaves in held-out blocks, explained",
+            f"{100 * found.held_out_gain:.0f} %",
+        ),
         ("features within a pixel of their lines", f"{found.agreeing} of {found.features}"),
         ("hidden, at a step or unknown", f"{found.hidden_px} px"),
     )

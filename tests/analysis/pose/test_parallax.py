@@ -6,7 +6,7 @@ import pytest
 from analysis.changes import ParallaxMap, SceneParallax
 from analysis.pose import ParallaxCost, PoseParallax, parallax_cost, pose_quality
 from analysis.pose._quality import quality_with_depth
-from analysis.reports import plot_pose
+from analysis.reports import plot_pose, stored_pose_section
 from calibration.registration import DistortedPose, PixelParallax
 from simulation import SamplingGrid
 from simulation.arrays import BoolArray, Float32Array, FloatArray
@@ -160,3 +160,15 @@ def test_the_picture_says_what_the_parallax_costs() -> None:
     plain = plot_pose(None, judged).axes[0].get_title()
     said = plot_pose(None, judged, said=figures().short_sentence).axes[0].get_title()
     assert said == f"{plain}\nparallax of 95 %: 10.0 px; hidden or unknown: 6 % of the overlap"
+
+
+def test_a_report_tells_of_the_parallax_of_a_stored_verdict() -> None:
+    size = (COLS, ROWS)
+    judged = pose_quality(SamplingGrid.centred(SHAPE, 1.2).matrix, size, size, curve(), 2.0)
+    flat, deep = (
+        repr(stored_pose_section("p", judged.summary.model_copy(update={"parallax": parallax})))
+        for parallax in (None, figures())
+    )
+    assert "parallax of 95 % of the pixels" not in flat
+    assert "('parallax of 95 % of the pixels', '10.0 px')" in deep
+    assert "The scene has depth" in deep
