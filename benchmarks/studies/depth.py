@@ -23,7 +23,7 @@ from analysis.pose import parallax_cost
 from benchmarks.harness import Recorder, benchmark, outcomes
 from benchmarks.truth.depth import DepthKind, DepthPair, View, depth_pair, depth_scene
 from calibration.errors import CalibrationError
-from calibration.parallax import FrameCamera
+from calibration.parallax import FrameCamera, Viewpoint
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, Float32Array
 
@@ -64,6 +64,7 @@ class _Row:
     height_median_px: float | None = None
     height_p95_px: float = 0.0
     height_within: float = 0.0
+    distance_off: float = 0.0
     move_deg: float | None = None
     in_line: tuple[float, float] | None = None
 
@@ -124,7 +125,7 @@ def _inner(made: DepthPair) -> BoolArray:
 
 
 def _depth_figures(case: _Case, found: ChangeResult) -> dict[str, Any]:
-    """Errors of heights above the ground, in px of it, and of where the camera ought to stand."""
+    """Errors of heights above the plane of the pose, in px of ground, and of the advice to move."""
     seen, figures = found.parallax, found.summary.parallax
     if seen is None or figures is None:
         return {}
@@ -142,13 +143,25 @@ def _depth_figures(case: _Case, found: ChangeResult) -> dict[str, Any]:
     depth = depth_in_mm(found.pose, (seen, figures), camera, reference.distance_px)
     if depth is None:
         return measured
+    viewpoint = Viewpoint.of(found.pose.matrix, np.array(figures.epipole), camera)
+    if viewpoint is None or depth.figures.depth is None:
+        return measured
+    y, x = np.indices((rows, cols)).astype(np.float64)
+    along = followup.rays(x, y, (rows, cols))
+    points = camera.rays(x, y) * (followup.distance_px - case.made.height_px) / -along[2]
+    off = np.tensordot(viewpoint.normal, points, 1)
+    distance = depth.figures.depth.distance_mm
+    share, err = depth.depth_mm / distance, depth.error_mm / distance
     known = np.isfinite(depth.error_mm) & case.made.is_seen & _inner(case.made)
-    error_px = np.abs(depth.depth_mm - case.made.height_px)[known]
+    # The plane of the pose lies where it lies: its true distance is that which fits.
+    true = float(np.median((off / (1 - share))[known]))
+    error_px = np.abs(true * share - (true - off))[known]
     return {
         **measured,
         "height_median_px": float(np.median(error_px)),
         "height_p95_px": float(np.percentile(error_px, 95)),
-        "height_within": float(np.mean(error_px < 2 * depth.error_mm[known])),
+        "height_within": float(np.mean(error_px < 2 * true * err[known])),
+        "distance_off": abs(distance / true - 1),
     }
 
 
@@ -295,9 +308,12 @@ def _say_kind(record: Recorder, kind: DepthKind, rows: list[_Row]) -> None:
     record.figure(f"{kind}: listed of nothing", 100 * listed / total, "% of what was compared")
     record.figure(f"{kind}: listed of nothing, beside a plane", listed, "px", "plane", plane)
     record.figure(f"{kind}: listed of nothing, beside dense flow", listed, "px", "flow", flow)
-    for name, unit in (("height_median_px", "px"), ("height_p95_px", "px"), ("height_within", "")):
+    for name, unit in (
+        *(("height_median_px", "px"), ("height_p95_px", "px")),
+        *(("height_within", ""), ("distance_off", "")),
+    ):
         those = [getattr(row, name) for row in measured if row.height_median_px is not None]
-        if those and kind == "plates":  # a ground that is the plane of the pose
+        if those:
             record.figure(f"{kind}: {name}", float(np.median(those)), unit)
     moves = [row.move_deg for row in measured if row.move_deg is not None]
     if moves:
@@ -331,7 +347,8 @@ def main(
             f"flow {row.listed_flow_px}) of {row.compared_px}  spots {row.spots_found}/"
             f"{row.spots_compared}/{row.spots}  things {row.things_found}/{row.things_compared}/"
             f"{row.things}  height {row.height_median_px} {row.height_p95_px:.2f} "
-            f"{row.height_within:.2f}  move {row.move_deg}  in line {row.in_line}"
+            f"{row.height_within:.2f} {row.distance_off:.3f}  move {row.move_deg}  in line "
+            f"{row.in_line}"
         )
     for kind in KINDS:
         _say_kind(record, kind, [row for row in rows if row.kind == kind])
