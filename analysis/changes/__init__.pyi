@@ -1,7 +1,13 @@
 from ._colour import PairColours as PairColours
+from ._depth import (
+    DepthMap as DepthMap,
+    ParallaxMap as ParallaxMap,
+    depth_in_mm as depth_in_mm,
+)
 from ._document import (
     Change as Change,
     ChangeSummary as ChangeSummary,
+    SceneDepth as SceneDepth,
     SceneParallax as SceneParallax,
     change_table as change_table,
     describe_depth as describe_depth,

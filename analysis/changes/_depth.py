@@ -1,20 +1,28 @@
 """Scenes with depth: whether parallax explains what a plane leaves between two photographs."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import cv2
 import numpy as np
 
 from analysis.changes._comparison import Comparison, compare
-from analysis.changes._document import SceneParallax
+from analysis.changes._document import SceneDepth, SceneParallax
 from analysis.changes._photograph_pair import ChangeOptions
 from analysis.errors import AnalysisError
-from calibration.parallax import Parallax, find_parallax
+from calibration.parallax import (
+    FrameCamera,
+    Parallax,
+    SeenParallax,
+    Viewpoint,
+    find_parallax,
+    likely_viewpoint,
+)
 from calibration.registration import DistortedPose
 from simulation import Psf, PsfField
-from simulation.arrays import AnyArray, BoolArray, Float32Array
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from simulation.by_value import ByValue
+from simulation.pose import ideal_points, lens_of
 
 _BEYOND_SD: Final = 5.0
 _LEAST_SHARE: Final = 0.005
@@ -56,14 +64,14 @@ def _followup_parallax(found: Parallax) -> ParallaxMap:
     assert depth is not None, "a pose with parallax"
     assert seen is not None, "a pose with parallax"
     parallax, error = found.parallax_px, found.parallax_err_px
-    y, x = (at.astype(np.float32) for at in pose.followup_places_px())
+    places = pose.followup_places_px()
+    y, x = (at.astype(np.float32) for at in places)
     if depth.photograph == "reference":
+        parallax = _displaced_px(pose, places, np.array(_followup_epipole(found)))
         # Of a reference's pixel, the follow-up's is 1 / zoom as large.
-        parallax, error = (
-            cv2.remap(one, x, y, cv2.INTER_NEAREST, borderValue=(np.nan,) * 4)
-            / np.float32(pose.zoom)
-            for one in (parallax, error)
-        )
+        error = cv2.remap(
+            found.parallax_err_px, x, y, cv2.INTER_NEAREST, borderValue=(np.nan,) * 4
+        ) / np.float32(pose.plane.zoom)
     rows, cols = pose.reference_shape
     inside = (y >= 0) & (y <= rows - 1) & (x >= 0) & (x <= cols - 1)
     unknown = np.float32(np.nan)
@@ -74,8 +82,26 @@ def _followup_parallax(found: Parallax) -> ParallaxMap:
     )
 
 
+def _displaced_px(
+    pose: DistortedPose, places: tuple[FloatArray, FloatArray], epipole: FloatArray
+) -> Float32Array:
+    """How far towards the epipole the plane has what the follow-up's pixels see.
+
+    ``places``: of all of these in the reference.
+    """
+    back_y, back_x = pose.plane.to_followup_px(*places)
+    y, x = np.indices(pose.followup_shape)
+    moved_y, moved_x = back_y - y, back_x - x
+    towards = moved_x * (epipole[0] - epipole[2] * x) + moved_y * (epipole[1] - epipole[2] * y)
+    return np.asarray(np.copysign(np.hypot(moved_y, moved_x), towards), dtype=np.float32)
+
+
 def _figures(found: Parallax, seen: ParallaxMap) -> SceneParallax:
     """Figures of a parallax, of which something is known."""
+    pose, epipole = found.pose, _followup_epipole(found)
+    viewpoint = None
+    if pose.reference_shape == pose.followup_shape:
+        viewpoint = likely_viewpoint(pose.matrix, np.array(epipole), pose.followup_shape)
     low, median, high = np.nanpercentile(seen.parallax_px, [1, 50, 99]).tolist()
     known = seen.error_px[np.isfinite(seen.error_px)]
     return SceneParallax(
@@ -83,12 +109,17 @@ def _figures(found: Parallax, seen: ParallaxMap) -> SceneParallax:
         median_px=median,
         high_px=high,
         err_px=float(np.median(known)) if known.size else 0.0,
-        epipole=_followup_epipole(found),
+        epipole=epipole,
         features=found.matches,
         agreeing=found.agreeing,
         hidden_px=int(np.count_nonzero(seen.is_hidden)),
         held_out_gain=found.held_out_gain,
+        larger_is=None if viewpoint is None else _larger_is(viewpoint, np.array(epipole)),
     )
+
+
+def _larger_is(viewpoint: Viewpoint, epipole: FloatArray) -> Literal["nearer", "farther"]:
+    return "nearer" if viewpoint.nearer_sign(epipole) > 0 else "farther"
 
 
 def _followup_epipole(found: Parallax) -> tuple[float, float, float]:
@@ -99,6 +130,67 @@ def _followup_epipole(found: Parallax) -> tuple[float, float, float]:
         epipole = np.linalg.solve(found.pose.matrix, epipole)
     x, y, w = (epipole / np.linalg.norm(epipole)).tolist()
     return x, y, w
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DepthMap(ByValue):
+    """Heights above the plane of a pose on the follow-up's pixels, shape ``(rows, cols)`` each.
+
+    ``depth_mm, error_mm``: positive towards the camera, and its standard error, NaN where they are
+    not known. ``figures``: of the parallax, with those of the heights.
+    """
+
+    depth_mm: Float32Array
+    error_mm: Float32Array
+    figures: SceneParallax
+
+
+def depth_in_mm(
+    pose: DistortedPose,
+    parallax: tuple[ParallaxMap, SceneParallax],
+    camera: FrameCamera,
+    reference_mm: float,
+) -> DepthMap | None:
+    """Heights by the geometry of the camera; None where the cameras' places do not follow.
+
+    ``pose``: with that parallax. ``camera``: of both photographs. ``reference_mm``: distance of the
+    reference's camera from the plane.
+    """
+    seen, figures = parallax
+    epipole = np.array(figures.epipole)
+    viewpoint = Viewpoint.of(pose.matrix, epipole, camera)
+    if viewpoint is None or viewpoint.distance_ratio <= 0:
+        return None
+    rows, cols = pose.followup_shape
+    y, x = (at.astype(np.float64) for at in np.indices((rows, cols)))
+    if not viewpoint.sees_plane_at(x, y):
+        return None
+    if pose.k1 != 0:
+        lens = lens_of(pose.k1, pose.reference_shape, pose.followup_shape)
+        x, y = ideal_points(lens, np.column_stack([x.ravel(), y.ravel()])).T.reshape(2, rows, cols)
+    found = viewpoint.heights(
+        SeenParallax(
+            epipole=epipole,
+            x_px=x,
+            y_px=y,
+            parallax_px=seen.parallax_px.astype(np.float64),
+            error_px=seen.error_px.astype(np.float64),
+        )
+    )
+    distance_mm = reference_mm / viewpoint.distance_ratio
+    depth, error = ((distance_mm * one).astype(np.float32) for one in (found.height, found.error))
+    low, median, high = np.nanpercentile(depth, [1, 50, 99]).tolist()
+    known = error[np.isfinite(error)]
+    figured = SceneDepth(
+        low_mm=low,
+        median_mm=median,
+        high_mm=high,
+        err_mm=float(np.median(known)) if known.size else 0.0,
+        distance_mm=distance_mm,
+        baseline_mm=distance_mm * float(np.linalg.norm(viewpoint.centre)),
+    )
+    update = {"depth": figured, "larger_is": _larger_is(viewpoint, epipole)}
+    return DepthMap(depth_mm=depth, error_mm=error, figures=figures.model_copy(update=update))
 
 
 def with_depth(

@@ -97,6 +97,27 @@ class Change(StoredValues):
     parts: tuple["Change", ...] = ()
 
 
+class SceneDepth(StoredValues):
+    """Heights of a scene above the plane of the pose, by a camera of known geometry.
+
+    Parameters
+    ----------
+    low_mm, median_mm, high_mm
+        Heights that 1, 50 and 99 % of the pixels do not exceed, positive towards the camera.
+    err_mm
+        Median of the standard error.
+    distance_mm, baseline_mm
+        Distance of the follow-up's camera from the plane, and of the two cameras from one another.
+    """
+
+    low_mm: float
+    median_mm: float
+    high_mm: float
+    err_mm: float
+    distance_mm: float
+    baseline_mm: float
+
+
 class SceneParallax(StoredValues):
     """Depth of a scene, as the comparison followed it: parallax beside the plane of the pose.
 
@@ -118,6 +139,11 @@ class SceneParallax(StoredValues):
     held_out_gain
         Share of what a plane leaves unexplained that parallax explains, in blocks that were not
         looked at when it was measured.
+    larger_is
+        Whether what has the larger parallax is nearer to the camera or farther away; None if the
+        two photographs do not tell.
+    depth
+        The same in mm; None without the geometry of the camera.
     """
 
     low_px: float
@@ -129,6 +155,8 @@ class SceneParallax(StoredValues):
     agreeing: int
     hidden_px: int
     held_out_gain: float
+    larger_is: Literal["nearer", "farther"] | None = None
+    depth: SceneDepth | None = None
 
 
 class ChangeSummary(ResultsDocument):
@@ -367,9 +395,17 @@ def describe_depth(found: ChangeSummary) -> str | None:
             f"; {share} of the follow-up is hidden in one of the two, beside a step or of unknown "
             "depth"
         )
+    side = "" if depth.larger_is is None else f" (the larger, the {depth.larger_is})"
+    heights = ""
+    if depth.depth is not None:
+        heights = (
+            f"; it reaches from {depth.depth.low_mm:+.3g} to {depth.depth.high_mm:+.3g} mm above "
+            f"the plane, at a distance of {depth.depth.distance_mm:.4g} mm"
+        )
     return (
-        f"the scene has depth: parallax of {depth.low_px:+.1f} to {depth.high_px:+.1f} px beside a "
-        f"plane explains {depth.held_out_gain:.0%} of what the plane leaves{hidden}"
+        f"the scene has depth: parallax of {depth.low_px:+.1f} to {depth.high_px:+.1f} px{side} "
+        f"beside a plane explains {100 * depth.held_out_gain:.0f} % of what the plane leaves"
+        f"{hidden}{heights}"
     )
 
 

@@ -5,6 +5,11 @@ from ._limits import (
     contrast_found_at as contrast_found_at,
     limits_of_curve as limits_of_curve,
 )
+from ._parallax import (
+    ParallaxCost as ParallaxCost,
+    PoseParallax as PoseParallax,
+    parallax_cost as parallax_cost,
+)
 from ._plot import limits_figure as limits_figure, pose_figure as pose_figure
 from ._quality import (
     CONFIDENCE as CONFIDENCE,
@@ -18,6 +23,7 @@ from ._quality import (
     decide as decide,
     describe_pose as describe_pose,
     pose_quality as pose_quality,
+    quality_with_depth as quality_with_depth,
     read_pose as read_pose,
     read_pose_series as read_pose_series,
     verdict_of as verdict_of,

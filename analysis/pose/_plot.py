@@ -24,13 +24,16 @@ _DRAWN_PX = 1500
 
 
 def pose_figure(
-    followup: AnyArray | None, quality: "PoseQuality", ax: Axes | None = None
+    followup: AnyArray | None,
+    quality: "PoseQuality",
+    ax: Axes | None = None,
+    said: str | None = None,
 ) -> Figure:
     """Show d' over the follow-up, with the border of what is below the threshold.
 
     The map lies on grey levels: on colours, its own would be others. A follow-up in colour is shown
     beside it with the same border. ``followup``: shape ``(rows, cols)``, or ``(rows, cols, 3)`` in
-    colour, linear in light; None shows the map alone.
+    colour, linear in light; None shows the map alone. ``said``: one more line of the title.
     """
     rows, cols = (quality.d_prime if followup is None else followup).shape[:2]
     panels = 2 if ax is None and followup is not None and followup.ndim == 3 else 1
@@ -79,7 +82,7 @@ def pose_figure(
         title=(
             f"{verdict}: {quality.criterion} d′ {quality.decisive_d_prime:.2f}, "
             f"threshold {quality.min_d_prime:g}\n"
-            f"{quality.decision.verdict}: {probability}"
+            f"{quality.decision.verdict}: {probability}" + ("" if said is None else f"\n{said}")
         ),
         xlabel="follow-up x / px",
         ylabel="follow-up y / px",

@@ -27,11 +27,12 @@ from analysis.detectability import (
 from analysis.detection_limits import DetectionLimit
 from analysis.errors import AnalysisError, OverlapError, ResultsFileError
 from analysis.pose._limits import LocalSampling, local_sampling
+from analysis.pose._parallax import ParallaxCost, PoseParallax
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import fitted, read_document
 from calibration.registration import DistortedPose
 from simulation.arguments import FilePath, checked, path_of
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
 
@@ -217,6 +218,9 @@ class PoseSummary(Shown, StoredValues):
         How sure the verdict is, as in `PoseDecision`; None in older documents.
     detection_limit
         What a comparison of the two photographs would have found; None if they were not compared.
+    parallax
+        What the depth of the scene costs; None where a plane explains the two photographs, or they
+        were not compared. Then d' is of what both photographs show.
     picture
         Name of the map that was drawn.
     provenance
@@ -246,6 +250,7 @@ class PoseSummary(Shown, StoredValues):
     unknown_sources: tuple[Source, ...] = ()
     focus_turning_px2: float | None = None
     detection_limit: DetectionLimit | None = None
+    parallax: PoseParallax | None = None
     picture: str | None = None
     provenance: Provenance | None = None
 
@@ -262,7 +267,7 @@ class PoseQuality(ByValue):
         How densely the follow-up samples the reference, by position.
     d_prime
         Map of d' in the shape of the maps of ``sampling``; an upper bound; 0 where the local zoom
-        is beyond the curve, NaN outside the reference.
+        is beyond the curve, NaN outside the reference and where depth hides the scene.
     decisive_d_prime
         The value that the criterion compares with the threshold ``min_d_prime``: the least d', or
         its quantile.
@@ -343,23 +348,54 @@ def pose_quality(
         raise AnalysisError(str(error)) from error
     if not sampling.inside.any():
         raise OverlapError("the follow-up shows nothing of the reference", shared_px=0)
+    return _judged(matrix, sampling, sampling.inside, curve, (min_d_prime, criterion))
+
+
+def quality_with_depth(
+    quality: PoseQuality, curve: DetectabilityCurve, parallax: ParallaxCost
+) -> PoseQuality:
+    """Judge a pose again, of a scene with depth: by what both photographs show.
+
+    ``curve``: that of ``quality``, with the errors of places that follow from the parallax.
+    """
+    sampling = quality.sampling
+    rows, cols = (
+        np.rint(np.linspace(0, most - 1, count)).astype(np.intp)
+        for most, count in zip(parallax.is_hidden.shape, sampling.inside.shape, strict=True)
+    )
+    is_judged = sampling.inside & ~parallax.is_hidden[np.ix_(rows, cols)]
+    if not is_judged.any():
+        is_judged = sampling.inside
+    demand = quality.min_d_prime, quality.criterion
+    return _judged(quality.matrix, sampling, is_judged, curve, demand)
+
+
+def _judged(
+    matrix: FloatArray,
+    sampling: LocalSampling,
+    is_judged: BoolArray,
+    curve: DetectabilityCurve,
+    demand: tuple[float, Criterion],
+) -> PoseQuality:
+    """Judge by the d' at these places of a sampling; ``demand``: threshold and criterion."""
+    min_d_prime, criterion = demand
     known = curve.d_prime_at(sampling.worst_zoom)
     is_beyond = np.isnan(known)
     # Whatever d' is there, it is below the curve's last value and not known to be enough.
     d_prime = np.where(is_beyond, 0.0, known)
-    seen = d_prime[sampling.inside]
+    seen = d_prime[is_judged]
     rank = 0 if criterion == "min" else int(QUANTILE * (len(seen) - 1))
     place = int(np.argpartition(seen, rank)[rank])
-    decisive, zoom = float(seen[place]), float(sampling.worst_zoom[sampling.inside][place])
+    decisive, zoom = float(seen[place]), float(sampling.worst_zoom[is_judged][place])
     return PoseQuality(
         matrix=matrix,
         curve=curve,
         sampling=sampling,
-        d_prime=np.where(sampling.inside, d_prime, np.nan),
+        d_prime=np.where(is_judged, d_prime, np.nan),
         decisive_d_prime=decisive,
         min_d_prime=min_d_prime,
         criterion=criterion,
-        beyond_curve=float(is_beyond[sampling.inside].mean()),
+        beyond_curve=float(is_beyond[is_judged].mean()),
         decision=decide(curve, zoom, decisive, min_d_prime),
     )
 

@@ -291,16 +291,27 @@ def _map_figure(image: FloatImage, norm: Normalize, label: str) -> tuple[Figure,
     return figure, figure.colorbar(drawn, ax=axes, label=label, shrink=0.9)
 
 
-def depth_figure(found: ChangeResult) -> ReportFigure | None:
-    """Draw the parallax over the follow-up; None where a plane explains the pair."""
+def depth_figure(found: ChangeResult, depth_mm: FloatImage | None = None) -> ReportFigure | None:
+    """Draw the parallax over the follow-up, or the heights; None where a plane explains the pair.
+
+    ``depth_mm``: heights on the follow-up's pixels, shape ``(rows, cols)``, if they are known.
+    """
     figures = found.summary.parallax
     if found.parallax is None or figures is None:
         return None
-    norm = Normalize(figures.low_px, figures.high_px)
-    figure, _ = _map_figure(found.parallax.parallax_px, norm, "parallax / px")
+    shown, label = found.parallax.parallax_px, "parallax / px"
+    low, high = figures.low_px, figures.high_px
+    what = "Displacement beside the plane of the pose, towards the epipole"
+    if figures.larger_is is not None:
+        what += f": the larger, the {figures.larger_is}"
+    if depth_mm is not None and figures.depth is not None:
+        shown, label = depth_mm, "height / mm"
+        low, high = figures.depth.low_mm, figures.depth.high_mm
+        what = "Height above the plane of the pose, towards the camera"
+    figure, _ = _map_figure(shown, Normalize(low, high), label)
     caption = (
-        "Displacement beside the plane of the pose, towards the epipole. Grey: not compared, as it "
-        "is beyond the reference, hidden in one of the two, beside a step, or of unknown depth."
+        f"{what}. Grey: not compared, as it is beyond the reference, hidden in one of the two, "
+        "beside a step, or of unknown depth."
     )
     return ReportFigure.of(figure, caption, form="png")
 

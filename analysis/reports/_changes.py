@@ -187,10 +187,28 @@ def _depth_section(summary: ChangeSummary, depth_map: ReportFigure | None) -> Re
     """Show how far from a plane the scene is."""
     found = summary.parallax
     assert found is not None, "a scene with depth"
-    rows = (
+    depth = found.depth
+    rows = present(
         ("parallax, 1 to 99 % of the pixels", f"{found.low_px:+.2f} to {found.high_px:+.2f} px"),
         ("its standard error, median", f"{found.err_px:.3f} px"),
-        ("of what a plane leaves in held-out blocks, explained", f"{found.held_out_gain:.0%}"),
+        None if found.larger_is is None else ("what has the larger parallax", found.larger_is),
+        *(
+            ()
+            if depth is None
+            else (
+                (
+                    "height above the plane, 1 to 99 % of the pixels",
+                    f"{depth.low_mm:+.3g} to {depth.high_mm:+.3g} mm",
+                ),
+                ("its standard error, median", f"{depth.err_mm:.2g} mm"),
+                ("distance of the follow-up's camera", f"{depth.distance_mm:.4g} mm"),
+                ("distance between the two cameras", f"{depth.baseline_mm:.3g} mm"),
+            )
+        ),
+        (
+            "of what a plane leaves in held-out blocks, explained",
+            f"{100 * found.held_out_gain:.0f} %",
+        ),
         ("features within a pixel of their lines", f"{found.agreeing} of {found.features}"),
         ("hidden, at a step or unknown", f"{found.hidden_px} px"),
     )
@@ -200,7 +218,7 @@ def _depth_section(summary: ChangeSummary, depth_map: ReportFigure | None) -> Re
         "the plane along the lines through the epipole, where the other camera stood. What one of "
         "the two hides is not compared.",
         depth_map,
-        ReportTable(columns=("", "value"), rows=rows, caption="Lengths in follow-up pixels."),
+        ReportTable(columns=("", "value"), rows=rows, caption="Pixels are the follow-up's."),
     )
 
 
@@ -335,6 +353,9 @@ def stored_pose_section(name: str, verdict: PoseSummary) -> ReportSection:
         ("local zoom", f"{verdict.zoom_min:.3f} to {verdict.zoom_max:.3f}"),
         ("anisotropy, up to", f"{verdict.anisotropy_max:.3f}"),
         ("overlap", f"{100 * verdict.overlap:.0f} % of the follow-up"),
+        None
+        if verdict.parallax is None
+        else ("parallax of 95 % of the pixels", f"{verdict.parallax.range_px:.1f} px"),
         *(
             (f"share of {one.source} in the uncertainty", f"{100 * one.share:.0f} %")
             for one in (verdict.budget if chance else ())
@@ -345,6 +366,7 @@ def stored_pose_section(name: str, verdict: PoseSummary) -> ReportSection:
         f"The pose is {acceptance(verdict.is_accepted)} by criterion "
         f"{verdict.criterion}. d' is an upper bound: registration, light, gloss, parallax and "
         "defocus only lower it.",
+        None if verdict.parallax is None else as_sentence(verdict.parallax.sentence),
         *(f"Warning: {warning}." for warning in verdict.warnings),
         ReportTable(columns=("", "value"), rows=rows),
     )

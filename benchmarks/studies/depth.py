@@ -13,15 +13,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import radians, tan
-from typing import Annotated
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 
-from analysis.changes import ChangeOptions, ChangeResult, changes_between
+from analysis.changes import ChangeOptions, ChangeResult, changes_between, depth_in_mm
+from analysis.pose import parallax_cost
 from benchmarks.harness import Recorder, benchmark, outcomes
 from benchmarks.truth.depth import DepthKind, DepthPair, View, depth_pair, depth_scene
 from calibration.errors import CalibrationError
+from calibration.parallax import FrameCamera, Viewpoint
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, Float32Array
 
@@ -59,6 +61,12 @@ class _Row:
     things: int = 0
     things_compared: int = 0
     things_found: int = 0
+    height_median_px: float | None = None
+    height_p95_px: float = 0.0
+    height_within: float = 0.0
+    distance_off: float = 0.0
+    move_deg: float | None = None
+    in_line: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -66,6 +74,7 @@ class _Case:
     """A pair with its truth, developed."""
 
     made: DepthPair
+    views: tuple[View, View]
     reference: Float32Array = field(repr=False)
     followup: Float32Array = field(repr=False)
     rng: np.random.Generator
@@ -77,19 +86,17 @@ def _case(seed: int, number: int, kind: DepthKind) -> tuple[_Case, float]:
     parallax_px = rng.uniform(4, 40)
     zoom = rng.uniform(0.75, 1.6)
     scene = depth_scene(kind, 1000 * seed + number, parallax_px, tan(radians(tilt_deg)))
-    views = [
-        View(),
-        View(
-            distance_px=View().distance_px * zoom,
-            tilt_deg=tilt_deg,
-            bearing_deg=rng.uniform(0, 360),
-            roll_deg=rng.uniform(-5, 5),
-        ),
-    ]
-    made = depth_pair(scene, *views)
+    followup = View(
+        distance_px=View().distance_px * zoom,
+        tilt_deg=tilt_deg,
+        bearing_deg=rng.uniform(0, 360),
+        roll_deg=rng.uniform(-5, 5),
+    )
+    made = depth_pair(scene, View(), followup)
     return (
         _Case(
             made=made,
+            views=(View(), followup),
             reference=_developed(made.reference_dn, rng, is_jpeg=number % 3 == 2),
             followup=_developed(made.followup_dn, rng, is_jpeg=number % 3 == 2),
             rng=rng,
@@ -115,6 +122,47 @@ def _inner(made: DepthPair) -> BoolArray:
     y, x = made.places_px
     inner &= (y > BORDER_PX) & (y < rows - 1 - BORDER_PX)
     return np.asarray(inner & (x > BORDER_PX) & (x < cols - 1 - BORDER_PX))
+
+
+def _depth_figures(case: _Case, found: ChangeResult) -> dict[str, Any]:
+    """Errors of heights above the plane of the pose, in px of ground, and of the advice to move."""
+    seen, figures = found.parallax, found.summary.parallax
+    if seen is None or figures is None:
+        return {}
+    reference, followup = case.views
+    rows, cols = case.followup.shape
+    there = followup.rotation @ ((reference.centre - followup.centre) * [1, 1, -1])
+    cost = parallax_cost(found.pose, seen, figures).figures
+    measured: dict[str, Any] = {"in_line": (cost.in_line_range_px, cost.range_px)}
+    if cost.move is not None:
+        apart = np.arctan2(*cost.move[::-1]) - np.arctan2(there[1], there[0])
+        measured["move_deg"] = float(np.rad2deg(np.abs((apart + np.pi) % (2 * np.pi) - np.pi)))
+    camera = FrameCamera(
+        focal_length_px=followup.focal_px, principal_px=((cols - 1) / 2, (rows - 1) / 2)
+    )
+    depth = depth_in_mm(found.pose, (seen, figures), camera, reference.distance_px)
+    if depth is None:
+        return measured
+    viewpoint = Viewpoint.of(found.pose.matrix, np.array(figures.epipole), camera)
+    if viewpoint is None or depth.figures.depth is None:
+        return measured
+    y, x = np.indices((rows, cols)).astype(np.float64)
+    along = followup.rays(x, y, (rows, cols))
+    points = camera.rays(x, y) * (followup.distance_px - case.made.height_px) / -along[2]
+    off = np.tensordot(viewpoint.normal, points, 1)
+    distance = depth.figures.depth.distance_mm
+    share, err = depth.depth_mm / distance, depth.error_mm / distance
+    known = np.isfinite(depth.error_mm) & case.made.is_seen & _inner(case.made)
+    # The plane of the pose lies where it lies: its true distance is that which fits.
+    true = float(np.median((off / (1 - share))[known]))
+    error_px = np.abs(true * share - (true - off))[known]
+    return {
+        **measured,
+        "height_median_px": float(np.median(error_px)),
+        "height_p95_px": float(np.percentile(error_px, 95)),
+        "height_within": float(np.mean(error_px < 2 * true * err[known])),
+        "distance_off": abs(distance / true - 1),
+    }
 
 
 def _flow_listed(case: _Case, found: ChangeResult) -> int:
@@ -223,6 +271,7 @@ def _row(seed: int, task: tuple[int, DepthKind]) -> _Row:
         things=len(things),
         things_compared=sum(compared_things),
         things_found=_count(compared_things, found_things, false_things),
+        **_depth_figures(case, found),
     )
 
 
@@ -259,6 +308,16 @@ def _say_kind(record: Recorder, kind: DepthKind, rows: list[_Row]) -> None:
     record.figure(f"{kind}: listed of nothing", 100 * listed / total, "% of what was compared")
     record.figure(f"{kind}: listed of nothing, beside a plane", listed, "px", "plane", plane)
     record.figure(f"{kind}: listed of nothing, beside dense flow", listed, "px", "flow", flow)
+    for name, unit in (
+        *(("height_median_px", "px"), ("height_p95_px", "px")),
+        *(("height_within", ""), ("distance_off", "")),
+    ):
+        those = [getattr(row, name) for row in measured if row.height_median_px is not None]
+        if those:
+            record.figure(f"{kind}: {name}", float(np.median(those)), unit)
+    moves = [row.move_deg for row in measured if row.move_deg is not None]
+    if moves:
+        record.figure(f"{kind}: direction to move in, worst", max(moves), f"deg, of {len(moves)}")
     for name in ("spots", "things"):
         compared = sum(getattr(row, f"{name}_compared") for row in measured)
         share = sum(getattr(row, f"{name}_found") for row in measured) / max(compared, 1)
@@ -287,7 +346,9 @@ def main(
             f"{row.hidden_found}/{row.hidden}  listed {row.listed_px} (plane {row.listed_flat_px}, "
             f"flow {row.listed_flow_px}) of {row.compared_px}  spots {row.spots_found}/"
             f"{row.spots_compared}/{row.spots}  things {row.things_found}/{row.things_compared}/"
-            f"{row.things}"
+            f"{row.things}  height {row.height_median_px} {row.height_p95_px:.2f} "
+            f"{row.height_within:.2f} {row.distance_off:.3f}  move {row.move_deg}  in line "
+            f"{row.in_line}"
         )
     for kind in KINDS:
         _say_kind(record, kind, [row for row in rows if row.kind == kind])

@@ -8,7 +8,7 @@ fine. What cannot be told from chance is refused; what may be one of several is 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -44,6 +44,9 @@ from simulation import GaussianPsf
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
+
+if TYPE_CHECKING:
+    from calibration.parallax import Parallax
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,6 +119,10 @@ class Registration(Shown, ByValue):
         Root mean square of the remaining difference between them, in the levels of the coarser one.
     warnings
         Sentences on what an operator should check.
+    parallax
+        Of a scene with depth: parallax of each pixel of the coarser photograph beside a plane,
+        and in ``parallax.pose`` the position of every follow-up pixel at its own depth. None where
+        ``pose`` explains the photographs, or parallax was not looked for.
     """
 
     pose: DistortedPose = field(repr=False)
@@ -128,6 +135,7 @@ class Registration(Shown, ByValue):
     correlation: float
     residual_rms_dn: float
     warnings: tuple[str, ...] = ()
+    parallax: "Parallax | None" = field(default=None, repr=False)
 
     @property
     def matrix(self) -> FloatArray:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     terminal.needs("settings", "bench"),
     terminal.needs("watch", "stream"),
     terminal.needs("psf", "followup"),
+    terminal.needs("flat", "followup"),
     *(
         terminal.needs(option, "followup")
         for option in (*terminal.HINTS, "picture", "out", "workers", "scheduler", "shard", "strict")
@@ -42,6 +43,7 @@ def pose(
     criterion: Criterion = "min",
     psf: Path | None = None,
     hints: terminal.Hints,
+    flat: Annotated[bool, Option("--flat")] = False,
     picture: Annotated[Path | None, terminal.Result(".png", ".svg")] = None,
     out: Path | None = None,
     parquet: terminal.AsParquet = False,
@@ -67,6 +69,7 @@ def pose(
     followup: The photograph whose pose is judged, or several, or a folder; not used live.
     criterion: d' must reach the threshold in all of the overlap (min) or in 95 % of it (quantile).
     psf: psf.json, or a PSF of your own, for a finer registration.
+    flat: Take the scene as a plane; by default the parallax of a scene with depth is looked for.
     picture: Also write a map of d' (PNG or SVG).
     out: Folder for the results of several follow-ups; it is resumed.
     stream: Live: judge the images in a folder.
@@ -81,6 +84,8 @@ def pose(
             raise BadParameter("several follow-ups need --out DIR", param_hint="--out")
         if picture is not None:
             raise BadParameter("only one follow-up has a picture", param_hint="--picture")
+        if flat:
+            raise BadParameter("several follow-ups are judged by a plane", param_hint="--flat")
         if not library.holds_series(out, library.POSES_TABLE):
             terminal.refuse_replacing(*(out / name for name in library.FILES_OF_POSE_SERIES))
         how = terminal.keywords_of(library.judge_poses)
@@ -142,6 +147,7 @@ def _show_one(quality: PoseQuality, summary: PoseSummary) -> None:
         f"{quality.min_d_prime:g} ({quality.curve.name})",
         f"{decision.verdict}: {decision.sentence}",
         *filter(None, (decision.unknown_sentence,)),
+        *(() if summary.parallax is None else (summary.parallax.sentence,)),
         f"local zoom {summary.zoom_min:.3f} to {summary.zoom_max:.3f}, anisotropy up to "
         f"{summary.anisotropy_max:.3f}, overlap {100 * summary.overlap:.0f} % of the follow-up",
         terminal.UPPER_BOUND,

@@ -21,9 +21,11 @@ from analysis.changes import (
     ChangeOptions,
     ChangeResult,
     CodedAlike,
+    DepthMap,
     PairColours,
     change_table,
     changes_between,
+    depth_in_mm,
 )
 from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError
@@ -45,6 +47,7 @@ from simulation import Psf, PsfField
 from simulation.arguments import checked
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 from simulation.choices import PsfShape
+from standoff.errors import ApplicationError
 from standoff.library.call import (
     Call,
     FilePath,
@@ -73,8 +76,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-DEPTH_FILES = ("parallax.tif", "parallax-error.tif")
-"""Those that only comparisons of scenes with depth write."""
+DEPTH_FILES = ("parallax.tif", "parallax-error.tif", "depth.tif", "depth-error.tif")
+"""Those that only comparisons of scenes with depth write; the last two only with a geometry."""
 
 CHANGE_FILES = (
     "difference.tif",
@@ -119,11 +122,15 @@ class ComparisonRules:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ComparedPhotographs(ChangeResult):
-    """Two photographs and what changed between them; ``left_out`` masks the pixels left out."""
+    """Two photographs and what changed between them; ``left_out`` masks the pixels left out.
+
+    ``depth`` maps heights in mm of a scene with depth; None without a geometry.
+    """
 
     reference: Photograph
     followup: Photograph
     left_out: BoolArray | None = None
+    depth: DepthMap | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -134,6 +141,16 @@ class ComparedPhotographs(ChangeResult):
         return ColourPair(
             reference_dn=self.reference.colour_planes, followup_dn=self.followup.colour_planes
         )
+
+    @property
+    def depth_maps(self) -> dict[str, Float32Array]:
+        """Maps of a scene with depth, by the names of their files."""
+        maps: list[Float32Array] = []
+        if self.parallax is not None:
+            maps = [self.parallax.parallax_px, self.parallax.error_px]
+        if self.depth is not None:
+            maps += [self.depth.depth_mm, self.depth.error_mm]
+        return dict(zip(DEPTH_FILES, maps, strict=False))
 
     def to_dataframe(self) -> "DataFrame":
         """Return the changes as a pandas table; see `ChangeSummary`."""
@@ -160,7 +177,7 @@ class ComparedPhotographs(ChangeResult):
                 (f"{when}, taken", photograph.facts.taken or "not stated")
                 for when, photograph in (("before", self.reference), ("after", self.followup))
             ),
-            depth_figure(self),
+            depth_figure(self, None if self.depth is None else self.depth.depth_mm),
         ).html()
 
     def write_report(self, path: FilePath) -> None:
@@ -184,10 +201,9 @@ class ComparedPhotographs(ChangeResult):
         out = make_folder(path_of(folder, "folder"))
         with written_together(out / "changes.json") as part:
             write_changes(part, self)
-            if self.parallax is None:
-                # Those of an earlier result.
-                for name in DEPTH_FILES:
-                    (out / name).unlink(missing_ok=True)
+            # Those of an earlier result.
+            for name in set(DEPTH_FILES) - set(self.depth_maps):
+                (out / name).unlink(missing_ok=True)
 
 
 class ComparisonKeywords(TypedDict, total=False):
@@ -250,8 +266,8 @@ def find_changes(
     white_level
         Level, as it is stored, at which the files are clipped; by default the files' own.
     limit
-        Spots for which the detection limit is mapped, size of a pixel in mm, and curves that
-        predict a limit.
+        Spots for which the detection limit is mapped, size of a pixel in mm or geometry of the
+        camera, and curves that predict a limit.
     count_moved
         Whether what a shift of a few pixels explains is listed among the changes; by default it
         is listed apart, in ``summary.moved``.
@@ -385,8 +401,32 @@ def compared(
     if summary.detection_limit is not None:
         update["detection_limit"] = rules.scale.in_mm(summary.detection_limit, summary.zoom)
     found = replace(found, summary=summary.model_copy(update=update))
+    found, depth = _in_mm(found, rules.scale)
     own = {one.name: getattr(found, one.name) for one in fields(found)}
-    return ComparedPhotographs(**own, reference=near, followup=far, left_out=options.left_out)
+    return ComparedPhotographs(
+        **own, reference=near, followup=far, left_out=options.left_out, depth=depth
+    )
+
+
+def _in_mm(found: ChangeResult, scale: SceneScale) -> tuple[ChangeResult, DepthMap | None]:
+    """Heights of a scene with depth, by the geometry of the camera, if that is given."""
+    figures, placed, pose = found.summary.parallax, scale.placed, found.pose
+    if found.parallax is None or figures is None or placed is None:
+        return found, None
+    missing = "where the two cameras stood does not follow from the pose"
+    depth = None
+    try:
+        camera = placed.camera((pose.reference_shape, pose.followup_shape))
+        depth = depth_in_mm(pose, (found.parallax, figures), camera, placed.reference_mm)
+    except ApplicationError as error:
+        missing = str(error)
+    if depth is None:
+        update: dict[str, object] = {
+            "warnings": (*found.summary.warnings, f"no depth in mm: {missing}")
+        }
+    else:
+        update = {"parallax": depth.figures}
+    return replace(found, summary=found.summary.model_copy(update=update)), depth
 
 
 def _colours(
@@ -444,14 +484,10 @@ def write_changes(out: Path, found: ComparedPhotographs) -> None:
     ):
         description = f"standoff changes: {kind} of {found.followup.path.name}"
         write_float_tiff(out / f"{kind}.tif", image.astype(np.float32), description)
-    if found.parallax is not None:
-        for name, image in zip(
-            DEPTH_FILES, (found.parallax.parallax_px, found.parallax.error_px), strict=True
-        ):
-            kind = Path(name).stem.replace("-", " ")
-            write_float_tiff(
-                out / name, image, f"standoff changes: {kind} of {found.followup.path.name}"
-            )
+    for name, image in found.depth_maps.items():
+        kind = Path(name).stem.replace("-", " ")
+        description = f"standoff changes: {kind} of {found.followup.path.name}"
+        write_float_tiff(out / name, image, description)
     write_mask(out / "changes.png", found.is_change)
     write_mask(out / "compared.png", found.valid)
     with _DRAWING:

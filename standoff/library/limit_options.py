@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import isfinite
 from os import PathLike, fspath
 from pathlib import Path
+from typing import Self
 
 from analysis.changes import ChangeSummary, LimitCurve
 from analysis.choices import SPOT_SIGMA_PX
@@ -16,6 +17,7 @@ from analysis.detectability import (
 from analysis.detection_limits import DetectionLimit
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
+from calibration.parallax import FrameCamera
 from simulation import Model
 from simulation.arguments import ArgumentTypeError, check_fields, kind_of
 from standoff.errors import ApplicationError, ArgumentError
@@ -50,7 +52,8 @@ class DetectionLimitOptions:
         Side of a follow-up pixel on the scene, for sizes in mm.
     geometry, reference_height_mm
         Instead of ``pixel_size_mm``: the camera's geometry, and the height at which the reference
-        was taken, by default the lowest of the geometry. With neither, sizes in mm are those on
+        was taken, by default the lowest of the geometry. Of a scene with depth, heights in mm
+        follow as well. With neither, sizes in mm are those on
         the sensor, if the PSF's calibration states the pixel pitch.
     curves
         Curves of d', one of them of observer ``changes``: the limit that it predicts is compared
@@ -120,16 +123,67 @@ def limit_files(options: DetectionLimitOptions | None) -> tuple[object, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedCamera:
+    """A camera of known geometry, and where it took the reference.
+
+    ``size`` is that of its frames, ``(width, height)``; None in older files. ``focal_length_px`` is
+    None if it was not determined, ``principal_px`` counts from the middle of the frame.
+    ``reference_mm`` is the distance of the reference's entrance pupil from the plane.
+    """
+
+    size: tuple[int, int] | None
+    focal_length_px: float | None
+    principal_px: tuple[float, float]
+    reference_mm: float
+
+    @classmethod
+    def of(cls, geometry: GeometryCalibration, height_mm: float) -> Self:
+        """Take it from a geometry, at a height of the stage."""
+        width, height = geometry.width_px, geometry.height_px
+        return cls(
+            size=None if width is None or height is None else (width, height),
+            focal_length_px=geometry.focal_length_px,
+            principal_px=(geometry.principal_x_px or 0.0, geometry.principal_y_px or 0.0),
+            reference_mm=height_mm + geometry.pupil_offset_mm,
+        )
+
+    def camera(self, shapes: tuple[tuple[int, int], tuple[int, int]]) -> FrameCamera:
+        """Return the camera of two photographs of these shapes ``(rows, cols)``.
+
+        Raises
+        ------
+        ApplicationError
+            If they are not whole frames of it, or its focal length is not known.
+        """
+        if self.focal_length_px is None:
+            raise ApplicationError("the geometry has no focal length")
+        rows, cols = shapes[0]
+        for high, wide in shapes:
+            if (wide, high) != (self.size or (cols, rows)):
+                own_wide, own_high = self.size or (cols, rows)
+                raise ApplicationError(
+                    f"the geometry is of frames of {own_wide} x {own_high} px, but a photograph "
+                    f"has {wide} x {high}"
+                )
+        x, y = self.principal_px
+        return FrameCamera(
+            focal_length_px=self.focal_length_px,
+            principal_px=((cols - 1) / 2 + x, (rows - 1) / 2 + y),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SceneScale:
     """Side of a pixel in mm; None where nothing states it.
 
     ``followup_mm`` and ``reference_mm`` are sides of their pixels on the scene, ``sensor_mm`` is
-    the side on the sensor.
+    the side on the sensor. ``placed`` is the camera whose geometry states it.
     """
 
     followup_mm: float | None = None
     reference_mm: float | None = None
     sensor_mm: float | None = None
+    placed: PlacedCamera | None = None
 
     def in_mm(self, limit: DetectionLimit, zoom: float) -> DetectionLimit:
         """Give a limit its sizes in mm; ``zoom`` is reference pixels per follow-up pixel."""
@@ -154,13 +208,14 @@ def scene_scale(call: Call, options: DetectionLimitOptions, psf: PsfLike | None)
     if options.pixel_size_mm is not None:
         return SceneScale(followup_mm=options.pixel_size_mm)
     if options.geometry is not None:
-        scale = _scale(call, options.geometry, options.reference_height_mm)
-        return SceneScale(reference_mm=1 / scale)
+        return _scale_of(call, options.geometry, options.reference_height_mm)
     return SceneScale(sensor_mm=_pitch_mm(psf))
 
 
-def _scale(call: Call, geometry: GeometryCalibration | FilePath, height_mm: float | None) -> float:
-    """Reference pixels per mm of the scene."""
+def _scale_of(
+    call: Call, geometry: GeometryCalibration | FilePath, height_mm: float | None
+) -> SceneScale:
+    """How large a reference's pixel is, and where its camera stood."""
     if isinstance(geometry, GeometryCalibration):
         found, name = geometry, "the geometry"
     else:
@@ -179,7 +234,7 @@ def _scale(call: Call, geometry: GeometryCalibration | FilePath, height_mm: floa
             f"{name} has no scale at {at_mm:g} mm; give the height of the reference, between "
             f"{min(found.heights_mm):g} and {max(found.heights_mm):g} mm, or the size of a pixel"
         )
-    return scale
+    return SceneScale(reference_mm=1 / scale, placed=PlacedCamera.of(found, at_mm))
 
 
 def _pitch_mm(psf: PsfLike | None) -> float | None:

@@ -1,7 +1,7 @@
 """Where a photograph was taken from, and what an operator knows of the pose beforehand."""
 
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 from acquisition.photographs import LINEAR, ReadOptions, read_file, read_photograph
 from acquisition.printable import on_one_line
 from calibration.files import read_homography
+from calibration.parallax import Parallax, find_parallax
 from calibration.registration import (
     FeatureMatches,
     Homography,
@@ -247,6 +248,7 @@ def register(
     *,
     hints: RegistrationHints | None = None,
     white_level: float | None = None,
+    flat: bool = False,
     reading: ReadOptions | None = None,
 ) -> Registration:
     """Return the pose of a follow-up relative to its reference.
@@ -263,6 +265,9 @@ def register(
     white_level
         Level, as it is stored, at which both are clipped; pixels at that level do not count.
         Plateaus and pixels that an array masks never count.
+    flat
+        Whether the scene is taken as a plane; by default parallax of a scene with depth is looked
+        for, too, which takes a few seconds.
     reading
         How the two are read; see ``standoff.reading``.
 
@@ -270,7 +275,8 @@ def register(
     -------
     Registration
         ``matrix`` maps follow-up pixels ``(x, y, 1)`` to reference pixels; ``warnings`` are
-        sentences on what to check.
+        sentences on what to check. Of a scene with depth these belong to a plane in it, and
+        ``parallax`` holds how each pixel is displaced beside one.
 
     Raises
     ------
@@ -292,9 +298,25 @@ def register(
     )
     known = None if psf is None else camera_psf(Call("register"), psf).gaussian
     is_stated = options.white_level is not None
-    return register_images(
-        RegistrationReference.of(near.filled.grey_dn, near.not_measured(is_clipped=is_stated)),
-        far.filled.grey_dn,
+    images = near.filled.grey_dn, far.filled.grey_dn
+    found = register_images(
+        RegistrationReference.of(images[0], near.not_measured(is_clipped=is_stated)),
+        images[1],
         known,
         leaving_out(hints, far.not_measured(is_clipped=is_stated)),
+    )
+    parallax = None if flat else find_parallax(*images, found.pose)
+    if parallax is None or not np.isfinite(parallax.parallax_px).any():
+        return found
+    said = _depth_sentence(parallax)
+    return replace(found, parallax=parallax, warnings=(*found.warnings, said))
+
+
+def _depth_sentence(parallax: Parallax) -> str:
+    """Say how deep a scene is, in pixels of its coarser photograph."""
+    low, high = np.nanpercentile(parallax.parallax_px, [2.5, 97.5])
+    return (
+        f"the scene has depth: 95 % of what both photographs show is displaced by {low:+.1f} to "
+        f"{high:+.1f} px beside a plane; that explains {100 * parallax.held_out_gain:.0f} % of "
+        "what the plane leaves, and parallax.pose follows it"
     )

@@ -109,7 +109,9 @@ class ChangeWork(FollowupWork[ComparedPhotographs]):
         return Written(
             row=row.model_dump(),
             files=tuple(
-                folder / file for file in CHANGE_FILES if found.parallax or file not in DEPTH_FILES
+                folder / file
+                for file in CHANGE_FILES
+                if file in found.depth_maps or file not in DEPTH_FILES
             ),
             notes=self._note_on_field(found),
         )

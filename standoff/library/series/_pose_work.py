@@ -3,7 +3,7 @@
 import os
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import sqrt
+from math import hypot, sqrt
 from typing import TYPE_CHECKING, Any
 
 from acquisition.files import FIGURES, Provenance
@@ -18,9 +18,12 @@ from analysis.followup_series import FollowupWork, Written
 from analysis.pose import (
     JudgedFollowup,
     PoseDecision,
+    PoseParallax,
     PoseQuality,
     PoseSummary,
+    parallax_cost,
     pose_quality,
+    quality_with_depth,
 )
 from analysis.reports import plot_pose, write_figure
 from calibration.errors import CalibrationError
@@ -74,15 +77,19 @@ class PoseDemand:
 class JudgedPose(Shown, ByValue):
     """A verdict on a pose, how well the photographs agreed on that pose, and what to check.
 
-    ``pose`` is the result of the registration. ``detection_limit`` is what a comparison of the two
-    photographs would have found; None if no comparison was made.
+    ``pose`` is the result of the registration, ``place_err_px`` the standard error of a position by
+    it, in reference pixels. ``detection_limit`` is what a comparison of the two
+    photographs would have found; None if no comparison was made. ``parallax`` is what the depth of
+    the scene costs; None where a plane explains the photographs, or was asked for.
     """
 
     quality: PoseQuality
     followup: Photograph
     pose: DistortedPose
     correlation: float
+    place_err_px: float
     detection_limit: DetectionLimit | None = None
+    parallax: PoseParallax | None = None
     warnings: tuple[str, ...] = ()
     provenance: Provenance | None = None
     notes: tuple[str, ...] = ()
@@ -111,6 +118,7 @@ class JudgedPose(Shown, ByValue):
                 "registration_correlation": self.correlation,
                 "warnings": self.warnings,
                 "detection_limit": self.detection_limit,
+                "parallax": self.parallax,
                 "provenance": self.provenance,
             }
         )
@@ -122,7 +130,8 @@ class JudgedPose(Shown, ByValue):
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a map of d' over the follow-up."""
-        return plot_pose(self.followup.shown_dn, self.quality, ax)
+        said = None if self.parallax is None else self.parallax.short_sentence
+        return plot_pose(self.followup.shown_dn, self.quality, ax, said)
 
     def write_picture(self, path: FilePath) -> None:
         """Write the map of d', PNG or SVG.
@@ -148,6 +157,7 @@ def judge_pose(
     hints: AlignmentHints | RegistrationHints | None = None,
     focus_scatter_px2: float | None = None,
     white_level: float | None = None,
+    flat: bool = False,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> JudgedPose:
@@ -175,6 +185,9 @@ def judge_pose(
         Standard deviation of the PSF's variance from capture to capture, instead of the curve's.
     white_level
         Level at which both are clipped, as in ``find_changes``.
+    flat
+        Whether the scene is taken as a plane; by default parallax of a scene with depth is looked
+        for as in ``find_changes``, and what it hides is not judged.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -212,7 +225,7 @@ def judge_pose(
     )
     near = call.photograph(reference, "reference")
     judged = judged_pose(near, call.photograph(followup, "followup"), demand)
-    found = _with_limit(call, near, judged, hints)
+    found = _as_compared(call, near, judged, demand, is_flat=flat)
     for warning in found.warnings:
         call.announce(warning)
     if found.quality.beyond_curve:
@@ -220,20 +233,26 @@ def judge_pose(
     return replace(found, provenance=call.provenance(), notes=call.notes)
 
 
-def _with_limit(
-    call: Call,
-    near: Photograph,
-    judged: JudgedPose,
-    hints: AlignmentHints | RegistrationHints | None,
+def _as_compared(
+    call: Call, near: Photograph, judged: JudgedPose, demand: PoseDemand, *, is_flat: bool
 ) -> JudgedPose:
-    """Compare the photographs, and keep what would have been found."""
-    rules = ComparisonRules(options=ChangeOptions(pose=judged.pose), hints=hints)
+    """Compare the photographs; keep what would have been found, and what the depth costs."""
+    options = ChangeOptions(pose=judged.pose, flat=is_flat)
+    rules = ComparisonRules(options=options, hints=demand.hints)
     try:
         found = compared(near, judged.followup, None, rules)
     except AnalysisError as error:
         call.note(f"no detection limit: {error}")
         return judged
-    return replace(judged, detection_limit=found.summary.detection_limit)
+    judged = replace(judged, detection_limit=found.summary.detection_limit)
+    seen, figures = found.parallax, found.summary.parallax
+    if seen is None or figures is None:
+        return judged
+    cost = parallax_cost(found.pose, seen, figures)
+    place_err_px = hypot(judged.place_err_px, cost.figures.place_err_px)
+    curve = demand.curve.knowing(registration_err_px=place_err_px / sqrt(2))
+    quality = quality_with_depth(judged.quality, curve, cost)
+    return replace(judged, quality=quality, parallax=cost.figures)
 
 
 def registration_psf(call: Call, psf: PsfLike | None) -> GaussianPsf | None:
@@ -278,6 +297,7 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Judged
         followup=far,
         pose=found.pose,
         correlation=found.correlation,
+        place_err_px=found.place_err_px,
         warnings=found.warnings,
     )
 

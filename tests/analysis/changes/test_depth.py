@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import analysis.changes._depth as depth_module
-from analysis.changes import ChangeOptions, ChangeResult, changes_between
+from analysis.changes import ChangeOptions, ChangeResult, changes_between, depth_in_mm
 from analysis.errors import OverlapError
 from benchmarks.truth.depth import DepthPair, View, depth_pair
+from calibration.parallax import FrameCamera
 from simulation.arrays import Float32Array
 from tests.calibration.known import known
 from tests.calibration.parallax.test_parallax import (
@@ -93,3 +94,35 @@ def test_where_depth_leaves_nothing_to_compare_the_plane_stays(
     assert found.parallax is None
     plane = changes_between(before, after, options=FLAT).summary
     assert found.summary.changed_px == plane.changed_px
+
+
+@pytest.mark.parametrize("views", [(NEAR, TILTED), (FARTHER, NEAR), (NEAR, FARTHER)])
+def test_heights_are_those_of_the_scene_within_what_they_are_said_to_err(
+    views: tuple[View, View],
+) -> None:
+    made = rendered(*views)
+    rows, cols = made.is_seen.shape
+    found = changes_between(*photographs(made))
+    camera = FrameCamera(
+        focal_length_px=View().focal_px, principal_px=((cols - 1) / 2, (rows - 1) / 2)
+    )
+    figures, seen = known(found.summary.parallax), known(found.parallax)
+    depth = known(depth_in_mm(found.pose, (seen, figures), camera, views[0].distance_px))
+    measured = np.isfinite(depth.error_mm) & made.is_seen
+    np.testing.assert_array_equal(np.isfinite(depth.depth_mm), np.isfinite(seen.parallax_px))
+    apart = (depth.depth_mm - made.height_px)[measured]
+    # Plates of 60 to 110 px, of which a pixel of parallax is 7 to 15.
+    assert np.median(np.abs(apart)) < 2.5
+    # Some beside steps err by more than they are said to.
+    assert np.mean(np.abs(apart) < 2 * depth.error_mm[measured]) > 0.85
+    # Heights are in proportion to a baseline that is known to as much.
+    assert np.median(depth.error_mm[measured]) < 12.0
+    said = known(depth.figures.depth)
+    assert said.distance_mm == pytest.approx(views[1].distance_px, rel=0.02)
+    baseline = float(np.linalg.norm(views[0].centre - views[1].centre))
+    assert said.baseline_mm == pytest.approx(baseline, rel=0.1)
+    # Without a lens the two photographs say as much of what is nearer.
+    assert figures.larger_is == depth.figures.larger_is
+    on_plates = measured & (made.height_px > 50)
+    sign = 1 if figures.larger_is == "nearer" else -1
+    assert np.mean(sign * seen.parallax_px[on_plates] > 0) > 0.99

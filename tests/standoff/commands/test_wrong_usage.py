@@ -151,6 +151,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
     f"pose near.tif photographs {POSE}": (
         ("", "several follow-ups need --out DIR"),
         ("--out out --picture map.png", "only one follow-up has a picture"),
+        ("--out out --flat", "several follow-ups are judged by a plane"),
         ("--out out --shard 3/2", "expected K/N with K from 1 to N"),
         ("--out out --workers 2 --scheduler tcp://x:1", "not both"),
     ),
@@ -165,6 +166,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("far.tif --watch", "--watch needs --stream"),
         ("far.tif --target coins", "--target needs --bench"),
         ("--stream . --picture map.png", "--picture needs FOLLOWUP"),
+        ("--stream . --flat", "--flat needs FOLLOWUP"),
     ),
     f"pose texture.tif {POSE}": (
         ("--stream no-such", "no-such is not a folder"),
