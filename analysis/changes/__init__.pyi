@@ -7,7 +7,7 @@ from ._depth import (
 from ._document import (
     Change as Change,
     ChangeSummary as ChangeSummary,
-    SceneDepth as SceneDepth,
+    SceneHeights as SceneHeights,
     SceneParallax as SceneParallax,
     change_table as change_table,
     describe_depth as describe_depth,

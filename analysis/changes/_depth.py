@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from analysis.changes._comparison import Comparison, compare
-from analysis.changes._document import SceneDepth, SceneParallax
+from analysis.changes._document import SceneHeights, SceneParallax
 from analysis.changes._photograph_pair import ChangeOptions
 from analysis.errors import AnalysisError
 from calibration.parallax import (
@@ -134,14 +134,17 @@ def _followup_epipole(found: Parallax) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DepthMap(ByValue):
-    """Heights above the plane of a pose on the follow-up's pixels, shape ``(rows, cols)`` each.
+    """Depth of what the follow-up's pixels see, shape ``(rows, cols)`` each, NaN where not known.
 
-    ``depth_mm, error_mm``: positive towards the camera, and its standard error, NaN where they are
-    not known. ``figures``: of the parallax, with those of the heights.
+    ``depth_mm, error_mm``: distance along its optical axis, and the standard error. ``height_mm,
+    height_error_mm``: above the plane of the pose, positive towards the camera, and its standard
+    error. ``figures``: of the parallax, with those of the heights.
     """
 
     depth_mm: Float32Array
     error_mm: Float32Array
+    height_mm: Float32Array
+    height_error_mm: Float32Array
     figures: SceneParallax
 
 
@@ -151,7 +154,7 @@ def depth_in_mm(
     camera: FrameCamera,
     reference_mm: float,
 ) -> DepthMap | None:
-    """Heights by the geometry of the camera; None where the cameras' places do not follow.
+    """Depth by the geometry of the camera; None where the cameras' places do not follow.
 
     ``pose``: with that parallax. ``camera``: of both photographs. ``reference_mm``: distance of the
     reference's camera from the plane.
@@ -178,10 +181,10 @@ def depth_in_mm(
         )
     )
     distance_mm = reference_mm / viewpoint.distance_ratio
-    depth, error = ((distance_mm * one).astype(np.float32) for one in (found.height, found.error))
-    low, median, high = np.nanpercentile(depth, [1, 50, 99]).tolist()
+    height, error = ((distance_mm * one).astype(np.float32) for one in (found.height, found.error))
+    low, median, high = np.nanpercentile(height, [1, 50, 99]).tolist()
     known = error[np.isfinite(error)]
-    figured = SceneDepth(
+    figured = SceneHeights(
         low_mm=low,
         median_mm=median,
         high_mm=high,
@@ -189,8 +192,15 @@ def depth_in_mm(
         distance_mm=distance_mm,
         baseline_mm=distance_mm * float(np.linalg.norm(viewpoint.centre)),
     )
-    update = {"depth": figured, "larger_is": _larger_is(viewpoint, epipole)}
-    return DepthMap(depth_mm=depth, error_mm=error, figures=figures.model_copy(update=update))
+    update = {"heights": figured, "larger_is": _larger_is(viewpoint, epipole)}
+    along_axis = viewpoint.depth_of_plane(x, y).astype(np.float32)
+    return DepthMap(
+        depth_mm=(np.float32(distance_mm) - height) * along_axis,
+        error_mm=error * along_axis,
+        height_mm=height,
+        height_error_mm=error,
+        figures=figures.model_copy(update=update),
+    )
 
 
 def with_depth(

@@ -97,7 +97,7 @@ class Change(StoredValues):
     parts: tuple["Change", ...] = ()
 
 
-class SceneDepth(StoredValues):
+class SceneHeights(StoredValues):
     """Heights of a scene above the plane of the pose, by a camera of known geometry.
 
     Parameters
@@ -142,7 +142,7 @@ class SceneParallax(StoredValues):
     larger_is
         Whether what has the larger parallax is nearer to the camera or farther away; None if the
         two photographs do not tell.
-    depth
+    heights
         The same in mm; None without the geometry of the camera.
     """
 
@@ -156,7 +156,7 @@ class SceneParallax(StoredValues):
     hidden_px: int
     held_out_gain: float
     larger_is: Literal["nearer", "farther"] | None = None
-    depth: SceneDepth | None = None
+    heights: SceneHeights | None = None
 
 
 class ChangeSummary(ResultsDocument):
@@ -397,10 +397,10 @@ def describe_depth(found: ChangeSummary) -> str | None:
         )
     side = "" if depth.larger_is is None else f" (the larger, the {depth.larger_is})"
     heights = ""
-    if depth.depth is not None:
+    if depth.heights is not None:
         heights = (
-            f"; it reaches from {depth.depth.low_mm:+.3g} to {depth.depth.high_mm:+.3g} mm above "
-            f"the plane, at a distance of {depth.depth.distance_mm:.4g} mm"
+            f"; it reaches from {depth.heights.low_mm:+.3g} to {depth.heights.high_mm:+.3g} mm "
+            f"above the plane, at a distance of {depth.heights.distance_mm:.4g} mm"
         )
     return (
         f"the scene has depth: parallax of {depth.low_px:+.1f} to {depth.high_px:+.1f} px{side} "

@@ -291,10 +291,10 @@ def _map_figure(image: FloatImage, norm: Normalize, label: str) -> tuple[Figure,
     return figure, figure.colorbar(drawn, ax=axes, label=label, shrink=0.9)
 
 
-def depth_figure(found: ChangeResult, depth_mm: FloatImage | None = None) -> ReportFigure | None:
+def depth_figure(found: ChangeResult, height_mm: FloatImage | None = None) -> ReportFigure | None:
     """Draw the parallax over the follow-up, or the heights; None where a plane explains the pair.
 
-    ``depth_mm``: heights on the follow-up's pixels, shape ``(rows, cols)``, if they are known.
+    ``height_mm``: on the follow-up's pixels, shape ``(rows, cols)``, if they are known.
     """
     figures = found.summary.parallax
     if found.parallax is None or figures is None:
@@ -304,9 +304,9 @@ def depth_figure(found: ChangeResult, depth_mm: FloatImage | None = None) -> Rep
     what = "Displacement beside the plane of the pose, towards the epipole"
     if figures.larger_is is not None:
         what += f": the larger, the {figures.larger_is}"
-    if depth_mm is not None and figures.depth is not None:
-        shown, label = depth_mm, "height / mm"
-        low, high = figures.depth.low_mm, figures.depth.high_mm
+    if height_mm is not None and figures.heights is not None:
+        shown, label = height_mm, "height / mm"
+        low, high = figures.heights.low_mm, figures.heights.high_mm
         what = "Height above the plane of the pose, towards the camera"
     figure, _ = _map_figure(shown, Normalize(low, high), label)
     caption = (

@@ -187,22 +187,22 @@ def _depth_section(summary: ChangeSummary, depth_map: ReportFigure | None) -> Re
     """Show how far from a plane the scene is."""
     found = summary.parallax
     assert found is not None, "a scene with depth"
-    depth = found.depth
+    heights = found.heights
     rows = present(
         ("parallax, 1 to 99 % of the pixels", f"{found.low_px:+.2f} to {found.high_px:+.2f} px"),
         ("its standard error, median", f"{found.err_px:.3f} px"),
         None if found.larger_is is None else ("what has the larger parallax", found.larger_is),
         *(
             ()
-            if depth is None
+            if heights is None
             else (
                 (
                     "height above the plane, 1 to 99 % of the pixels",
-                    f"{depth.low_mm:+.3g} to {depth.high_mm:+.3g} mm",
+                    f"{heights.low_mm:+.3g} to {heights.high_mm:+.3g} mm",
                 ),
-                ("its standard error, median", f"{depth.err_mm:.2g} mm"),
-                ("distance of the follow-up's camera", f"{depth.distance_mm:.4g} mm"),
-                ("distance between the two cameras", f"{depth.baseline_mm:.3g} mm"),
+                ("its standard error, median", f"{heights.err_mm:.2g} mm"),
+                ("distance of the follow-up's camera", f"{heights.distance_mm:.4g} mm"),
+                ("distance between the two cameras", f"{heights.baseline_mm:.3g} mm"),
             )
         ),
         (

@@ -144,15 +144,15 @@ def _depth_figures(case: _Case, found: ChangeResult) -> dict[str, Any]:
     if depth is None:
         return measured
     viewpoint = Viewpoint.of(found.pose.matrix, np.array(figures.epipole), camera)
-    if viewpoint is None or depth.figures.depth is None:
+    if viewpoint is None or depth.figures.heights is None:
         return measured
     y, x = np.indices((rows, cols)).astype(np.float64)
     along = followup.rays(x, y, (rows, cols))
     points = camera.rays(x, y) * (followup.distance_px - case.made.height_px) / -along[2]
     off = np.tensordot(viewpoint.normal, points, 1)
-    distance = depth.figures.depth.distance_mm
-    share, err = depth.depth_mm / distance, depth.error_mm / distance
-    known = np.isfinite(depth.error_mm) & case.made.is_seen & _inner(case.made)
+    distance = depth.figures.heights.distance_mm
+    share, err = depth.height_mm / distance, depth.height_error_mm / distance
+    known = np.isfinite(depth.height_error_mm) & case.made.is_seen & _inner(case.made)
     # The plane of the pose lies where it lies: its true distance is that which fits.
     true = float(np.median((off / (1 - share))[known]))
     error_px = np.abs(true * share - (true - off))[known]

@@ -152,6 +152,10 @@ class Viewpoint(ByValue):
         """Whether the plane lies in front of the follow-up's camera at all of these pixels."""
         return bool((self._facing(x_px, y_px) > 0).all())
 
+    def depth_of_plane(self, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
+        """Depth of the plane along the optical axis at pixels, over its distance."""
+        return np.asarray(1 / self._facing(x_px, y_px))
+
     def nearer_sign(self, epipole: FloatArray) -> int:
         """Sign of the parallax of what is nearer than the plane: 1, or -1."""
         return -1 if float(epipole @ self.camera.matrix @ self.centre) > 0 else 1

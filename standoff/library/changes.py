@@ -124,7 +124,7 @@ class ComparisonRules:
 class ComparedPhotographs(ChangeResult):
     """Two photographs and what changed between them; ``left_out`` masks the pixels left out.
 
-    ``depth`` maps heights in mm of a scene with depth; None without a geometry.
+    ``depth`` has distances and heights in mm of a scene with depth; None without a geometry.
     """
 
     reference: Photograph
@@ -177,7 +177,7 @@ class ComparedPhotographs(ChangeResult):
                 (f"{when}, taken", photograph.facts.taken or "not stated")
                 for when, photograph in (("before", self.reference), ("after", self.followup))
             ),
-            depth_figure(self, None if self.depth is None else self.depth.depth_mm),
+            depth_figure(self, None if self.depth is None else self.depth.height_mm),
         ).html()
 
     def write_report(self, path: FilePath) -> None:
@@ -409,7 +409,7 @@ def compared(
 
 
 def _in_mm(found: ChangeResult, scale: SceneScale) -> tuple[ChangeResult, DepthMap | None]:
-    """Heights of a scene with depth, by the geometry of the camera, if that is given."""
+    """Depth of a scene in mm, by the geometry of the camera, if that is given."""
     figures, placed, pose = found.summary.parallax, scale.placed, found.pose
     if found.parallax is None or figures is None or placed is None:
         return found, None

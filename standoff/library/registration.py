@@ -248,7 +248,7 @@ def register(
     *,
     hints: RegistrationHints | None = None,
     white_level: float | None = None,
-    flat: bool = False,
+    depth: bool = False,
     reading: ReadOptions | None = None,
 ) -> Registration:
     """Return the pose of a follow-up relative to its reference.
@@ -265,9 +265,9 @@ def register(
     white_level
         Level, as it is stored, at which both are clipped; pixels at that level do not count.
         Plateaus and pixels that an array masks never count.
-    flat
-        Whether the scene is taken as a plane; by default parallax of a scene with depth is looked
-        for, too, which takes a few seconds.
+    depth
+        Whether parallax of a scene with depth is looked for, too, which takes a few seconds; by
+        default the scene is taken as a plane.
     reading
         How the two are read; see ``standoff.reading``.
 
@@ -275,8 +275,8 @@ def register(
     -------
     Registration
         ``matrix`` maps follow-up pixels ``(x, y, 1)`` to reference pixels; ``warnings`` are
-        sentences on what to check. Of a scene with depth these belong to a plane in it, and
-        ``parallax`` holds how each pixel is displaced beside one.
+        sentences on what to check. ``parallax`` holds how each pixel of a scene with depth is
+        displaced beside the plane, if that was asked for.
 
     Raises
     ------
@@ -305,7 +305,7 @@ def register(
         known,
         leaving_out(hints, far.not_measured(is_clipped=is_stated)),
     )
-    parallax = None if flat else find_parallax(*images, found.pose)
+    parallax = find_parallax(*images, found.pose) if depth else None
     if parallax is None or not np.isfinite(parallax.parallax_px).any():
         return found
     said = _depth_sentence(parallax)

@@ -108,16 +108,25 @@ def test_heights_are_those_of_the_scene_within_what_they_are_said_to_err(
     )
     figures, seen = known(found.summary.parallax), known(found.parallax)
     depth = known(depth_in_mm(found.pose, (seen, figures), camera, views[0].distance_px))
-    measured = np.isfinite(depth.error_mm) & made.is_seen
+    measured = np.isfinite(depth.height_error_mm) & made.is_seen
     np.testing.assert_array_equal(np.isfinite(depth.depth_mm), np.isfinite(seen.parallax_px))
-    apart = (depth.depth_mm - made.height_px)[measured]
+    apart = (depth.height_mm - made.height_px)[measured]
     # Plates of 60 to 110 px, of which a pixel of parallax is 7 to 15.
     assert np.median(np.abs(apart)) < 2.5
     # Some beside steps err by more than they are said to.
-    assert np.mean(np.abs(apart) < 2 * depth.error_mm[measured]) > 0.85
+    assert np.mean(np.abs(apart) < 2 * depth.height_error_mm[measured]) > 0.85
     # Heights are in proportion to a baseline that is known to as much.
-    assert np.median(depth.error_mm[measured]) < 12.0
-    said = known(depth.figures.depth)
+    assert np.median(depth.height_error_mm[measured]) < 12.0
+    # Along the axis, from the camera: the scene's points in its own coordinates.
+    y, x = (one.astype(np.float64) for one in np.indices(made.is_seen.shape))
+    ray = views[1].rays(x, y, made.is_seen.shape)
+    points = ray * (views[1].distance_px - made.height_px) / -ray[2]
+    along = np.tensordot(views[1].rotation[2] * [1, 1, -1], points, axes=1)
+    off = (depth.depth_mm - along)[measured]
+    # Nearly the same error, and that of the distance of the plane.
+    assert np.median(np.abs(off)) < 2.5 + 0.02 * views[1].distance_px
+    assert np.std(off) < 1.2 * np.std(apart) + 2.0
+    said = known(depth.figures.heights)
     assert said.distance_mm == pytest.approx(views[1].distance_px, rel=0.02)
     baseline = float(np.linalg.norm(views[0].centre - views[1].centre))
     assert said.baseline_mm == pytest.approx(baseline, rel=0.1)

@@ -94,7 +94,7 @@ def test_the_verdict_in_figures_is_what_is_printed() -> None:
         *("anisotropy_max", "overlap", "beyond_curve", "homography"),
         *("registration_correlation", "warnings", "verdict", "probability"),
         *("dprime_interval_95", "budget", "unknown_sources", "focus_turning_px2"),
-        *("detection_limit", "picture", "provenance"),
+        *("detection_limit", "parallax", "picture", "provenance"),
     ]
     assert document["curve"] == {
         **{"model": "matched", "observer": "npw"},

@@ -54,11 +54,15 @@ def test_a_geometry_gives_heights_in_mm(tmp_path: Path) -> None:
     assert depth.shape == error.shape == FRAME
     truth = depth_pair(plates(), NEAR, FARTHER).height_px
     is_plate = np.isfinite(error) & (truth > 50)
-    assert np.median(np.abs(depth - truth)[is_plate]) < 6.0
+    height = known(found.depth).height_mm
+    assert np.median(np.abs(height - truth)[is_plate]) < 6.0
+    # What stands higher is nearer to the camera.
+    is_ground = np.isfinite(error) & (truth == 0)
+    assert np.median(depth[is_ground]) - np.median(depth[is_plate]) > 40
     stored = standoff.read_changes(tmp_path / "changes.json")
     assert stored == found.summary
-    in_mm = known(known(stored.parallax).depth)
-    assert in_mm.high_mm == pytest.approx(float(np.nanpercentile(depth, 99)), rel=1e-4)
+    in_mm = known(known(stored.parallax).heights)
+    assert in_mm.high_mm == pytest.approx(float(np.nanpercentile(height, 99)), rel=1e-4)
     said = known(describe_depth(stored))
     assert f"{in_mm.high_mm:+.3g} mm above the plane" in said
     page = (tmp_path / "report.html").read_text("utf-8")
@@ -83,7 +87,7 @@ def test_why_there_are_no_heights_is_said(stated: dict[str, object], said: str) 
     limit = standoff.DetectionLimitOptions(geometry=camera(**stated))
     found = standoff.find_changes(*with_depth(), limit=limit)
     assert found.depth is None
-    assert known(found.summary.parallax).depth is None
+    assert known(found.summary.parallax).heights is None
     assert [one for one in found.summary.warnings if said in one]
 
 
@@ -122,7 +126,7 @@ def test_a_pose_before_a_flat_scene_is_judged_as_a_plane_to_the_last_digit() -> 
 
 
 def test_a_registration_holds_the_parallax_and_is_otherwise_that_of_a_plane() -> None:
-    found, plane = (standoff.register(*with_depth(), flat=is_flat) for is_flat in (False, True))
+    found, plane = (standoff.register(*with_depth(), depth=wanted) for wanted in (True, False))
     parallax = known(found.parallax)
     y, x = parallax.pose.followup_places_px()
     truth = depth_pair(plates(), NEAR, FARTHER)
@@ -130,4 +134,5 @@ def test_a_registration_holds_the_parallax_and_is_otherwise_that_of_a_plane() ->
     assert np.median(np.hypot(y - truth.places_px[0], x - truth.places_px[1])[seen]) < 0.15
     assert "the scene has depth" in found.warnings[-1]
     assert replace(found, parallax=None, warnings=found.warnings[:-1]) == plane
-    assert standoff.register(*flat()).parallax is None
+    assert plane.parallax is None
+    assert standoff.register(*flat(), depth=True).parallax is None
