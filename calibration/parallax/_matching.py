@@ -115,7 +115,7 @@ def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedView
     with ThreadPoolExecutor(2) as both:
         there = both.submit(of_source)
         own = of_target(np.zeros_like(views.is_target))
-        held_out = np.zeros_like(own)
+        held_out = own.copy()
         for block in blocks:
             looks_there = cv2.dilate(block.astype(np.uint8), reach).astype(np.bool_)
             held_out[block] = of_target(looks_there)[block]
