@@ -23,8 +23,8 @@ LOCKED = {
     "opencv-contrib-python-headless": "5.0.0.93",
     "Pillow": "13.0.0",
 }
-TINY_SHA256 = "c9c7978f4bcdc83424540bbec52db8ee374c5586627558378fcbcc44f1e72f87"
-"""What version 0.1 made with these; GalSim judges the light, closed forms judge the levels."""
+TINY_SHA256 = "478b3dce7fc686c02fa4a56850934726003783d29b2b49681840fccbd6bcbfa0"
+"""What version 1.0 made with these; GalSim judges the light, closed forms judge the levels."""
 
 PLAIN_PROCESSOR = {
     "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL",
