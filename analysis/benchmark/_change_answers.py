@@ -12,7 +12,7 @@ from math import hypot, sqrt
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import label
+from scipy.ndimage import binary_dilation, label
 
 from analysis.benchmark._data_set import BenchmarkData, ChangesTask, Places, TrueChanges, TrueSpot
 from analysis.benchmark._program_files import given_levels
@@ -161,6 +161,9 @@ FALSE_PIXELS = 1e-4
 """Share of unchanged pixels that may be above the threshold where pixels are counted."""
 
 _EIGHT = np.ones((3, 3), dtype=np.int64)
+_MIXED_PX = 2
+"""Beside what the reference does not show: as far as lenses spread it."""
+
 _AROUND_PX = 3
 
 
@@ -192,13 +195,18 @@ class _ChangedSpot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruePair:
-    """A pair and its truth; ``is_painted`` are the pixels that differ by half a spot's peak."""
+    """A pair and its truth; ``is_painted`` are the pixels that differ by half a spot's peak.
+
+    ``is_unseen`` are those that the reference does not show, and those beside them. Nobody can say
+    whether they changed: whatever a program says of them counts for nothing.
+    """
 
     name: str
     truth: TrueChanges
     shape: tuple[int, int]
     spots: tuple[_ChangedSpot, ...]
     is_painted: BoolArray | None
+    is_unseen: BoolArray | None
 
     @classmethod
     def read(
@@ -213,8 +221,19 @@ class TruePair:
         """
         levels_dn = _linear_dn(data, task)
         shape = (levels_dn.shape[0], levels_dn.shape[1])
+        is_unseen = None
+        if truth.unseen is not None:
+            marked = data.levels(truth.unseen, shape) != 0
+            is_unseen = np.asarray(binary_dilation(marked, _EIGHT, _MIXED_PX), np.bool_)
         if not truth.changed:
-            return cls(name=task.task, truth=truth, shape=shape, spots=(), is_painted=None)
+            return cls(
+                name=task.task,
+                truth=truth,
+                shape=shape,
+                spots=(),
+                is_painted=None,
+                is_unseen=is_unseen,
+            )
         made_dn = np.abs(data.levels(f"truth/changes/{task.task}.tif", shape) / scale)
         spots, is_painted = [], np.zeros(shape, np.bool_)
         for spot in truth.spots:
@@ -229,7 +248,12 @@ class TruePair:
             is_half = (made_dn >= amplitude_dn / 2) & (made_dn > 0)
             is_painted |= within(shape, spot, peak.away_px) & is_half
         return cls(
-            name=task.task, truth=truth, shape=shape, spots=tuple(spots), is_painted=is_painted
+            name=task.task,
+            truth=truth,
+            shape=shape,
+            spots=tuple(spots),
+            is_painted=is_painted,
+            is_unseen=is_unseen,
         )
 
     @property
@@ -237,9 +261,29 @@ class TruePair:
         """The spots that make a difference."""
         return [spot for spot in self.spots if spot.amplitude_dn > 0]
 
-    def is_away(self, x_px: float, y_px: float) -> bool:
-        """Whether a place is far from every spot."""
+    def is_false(self, x_px: float, y_px: float) -> bool:
+        """Whether a place is far from every spot, and both photographs show it."""
+        if self.is_unseen is not None:
+            row, col = (
+                min(max(round(at), 0), size - 1)
+                for at, size in zip((y_px, x_px), self.shape, strict=True)
+            )
+            if self.is_unseen[row, col]:
+                return False
         return all(spot.distance_px(x_px, y_px) > spot.away_px for spot in self.spots)
+
+    def scores_in(self, path: Path) -> Float32Array:
+        """Read a program's map of the pair; NaN where nothing counts.
+
+        Raises
+        ------
+        ResultsFileError
+            If the map cannot be used.
+        """
+        scores = given_levels(path, self.shape)
+        if self.is_unseen is not None:
+            scores = np.where(self.is_unseen, np.float32(np.nan), scores)
+        return scores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -277,7 +321,7 @@ def judged(pair: TruePair, path: Path, frames: int, pixels: int) -> JudgedPair |
     ResultsFileError
         If the map cannot be used.
     """
-    scores = given_levels(path, pair.shape)
+    scores = pair.scores_in(path)
     levels = scores[~np.isnan(scores)]
     if not levels.size:
         return None
@@ -308,7 +352,7 @@ def false_regions(pair: TruePair, path: Path, threshold: float) -> int:
     ResultsFileError
         If the map cannot be used.
     """
-    scores = given_levels(path, pair.shape)
+    scores = pair.scores_in(path)
     regions, count = label(np.nan_to_num(scores, nan=-np.inf) > threshold, _EIGHT)
     near = np.zeros(pair.shape, np.bool_)
     for spot in pair.spots:
@@ -331,7 +375,7 @@ def own_detections(pair: TruePair, places: Places) -> _OwnDetections:
     found = sum(
         any(spot.distance_px(*place) <= spot.found_px for place in places) for spot in pair.seen
     )
-    false_places = sum(pair.is_away(*place) for place in places)
+    false_places = sum(pair.is_false(*place) for place in places)
     return _OwnDetections(found=found, spots=len(pair.seen), false_places=false_places)
 
 

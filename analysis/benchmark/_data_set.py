@@ -214,11 +214,15 @@ class TrueSpot(_Stored):
 
 
 class TrueChanges(_Stored):
-    """What changed between two photographs."""
+    """What changed between two photographs.
+
+    ``unseen`` is a picture of the set, 1 where the reference does not show what the follow-up does.
+    """
 
     changed: bool
     kind: Label
     scene: str
+    unseen: str | None = None
     spots: Annotated[list[TrueSpot], Field(max_length=_MOST_PLACES)] = []  # noqa: RUF012 - as above
 
     @model_validator(mode="after")

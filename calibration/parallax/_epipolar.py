@@ -32,8 +32,8 @@ _RATIO = 0.8
 _REACH = 0.08
 """How far from where the plane has it a feature is looked for, relative to the longer side."""
 
-_GUIDED_PX = 2.5
-"""And how far from its line, once that is known."""
+_GUIDED_PX, _GUIDED_REACH = 2.5, 0.16
+"""How far from its line, once that is known, and along it: there it has fewer rivals."""
 
 _LEAST_OFF_PLANE = 0.1
 """Of what is off the plane, the share that must agree: wrong matches do by chance, a few of 100."""
@@ -151,7 +151,8 @@ def _matches(
     """Features that match near where a plane has them, and near their epipolar lines."""
     at = _mapped(expected, own.points_px)
     away = at[:, None].astype(np.float32) - other.points_px.astype(np.float32)
-    near = np.hypot(away[..., 0], away[..., 1]) < _REACH * max(other.shape)
+    reach = _REACH if geometry is None else _GUIDED_REACH
+    near = np.hypot(away[..., 0], away[..., 1]) < reach * max(other.shape)
     if geometry is not None:
         here, _ = _in_plane(geometry.pose, FeatureMatches(own.points_px, own.points_px))
         _, there = _in_plane(geometry.pose, FeatureMatches(other.points_px, other.points_px))

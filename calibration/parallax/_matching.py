@@ -33,6 +33,10 @@ _OUTSIDE_COST = 31
 _HELD_OUT_PX, HELD_OUT_PERIOD_PX = 8, 24
 """Side and distance of blocks that are not looked at; nor is what sees them through the census."""
 
+_SMALL_PX = 2e5
+_OFFSETS_PX = ((0, 0), (12, 12), (0, 12), (12, 0))
+"""Of the blocks: a small frame has few, and is matched without those at each offset in turn."""
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AlignedViews:
@@ -78,13 +82,14 @@ class MatchedViews:
 
     ``target, source``: towards the epipole from the target to the source, shape ``(rows, cols)``,
     each on its own pixels. ``held_out``: the target's, of which some blocks were not looked at, as
-    ``is_held_out`` marks them.
+    ``is_held_out`` marks them. ``range_px``: the least parallax that was looked for, and the most.
     """
 
     target: Float32Array
     source: Float32Array
     held_out: Float32Array
     is_held_out: BoolArray
+    range_px: tuple[int, int]
 
 
 def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedViews:
@@ -93,14 +98,11 @@ def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedView
     shown = np.stack([views.is_target, views.is_source])
     along = np.stack([views.to_y, views.to_x])
     count = most_px - least_px + 1
-    rows, cols = np.indices(views.target.shape)
-    is_held_out = np.asarray(
-        (rows % HELD_OUT_PERIOD_PX < _HELD_OUT_PX) & (cols % HELD_OUT_PERIOD_PX < _HELD_OUT_PX)
-    )
     reach = np.ones(
         (2 * (_CENSUS_ROWS + _SMOOTHED_PX) + 1, 2 * (_CENSUS_COLS + _SMOOTHED_PX) + 1), np.uint8
     )
-    looks_there = cv2.dilate(is_held_out.astype(np.uint8), reach).astype(np.bool_)
+    offsets = _OFFSETS_PX if views.target.size < _SMALL_PX else _OFFSETS_PX[:1]
+    blocks = [_blocks(views.target.shape, *offset) for offset in offsets]
 
     def of_target(left_out: BoolArray) -> Float32Array:
         seen = np.stack([views.is_target & ~left_out, views.is_source])
@@ -113,10 +115,23 @@ def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedView
     with ThreadPoolExecutor(2) as both:
         there = both.submit(of_source)
         own = of_target(np.zeros_like(views.is_target))
-        held_out = of_target(looks_there)
+        held_out = own.copy()
+        for block in blocks:
+            looks_there = cv2.dilate(block.astype(np.uint8), reach).astype(np.bool_)
+            held_out[block] = of_target(looks_there)[block]
         return MatchedViews(
-            target=own, source=there.result(), held_out=held_out, is_held_out=is_held_out
+            target=own,
+            source=there.result(),
+            held_out=held_out,
+            is_held_out=np.logical_or.reduce(blocks),
+            range_px=(least_px, most_px),
         )
+
+
+def _blocks(shape: tuple[int, ...], down_px: int, right_px: int) -> BoolArray:
+    rows, cols = np.indices(shape)
+    is_in_row = (rows - down_px) % HELD_OUT_PERIOD_PX < _HELD_OUT_PX
+    return np.asarray(is_in_row & ((cols - right_px) % HELD_OUT_PERIOD_PX < _HELD_OUT_PX))
 
 
 def _census(image: Float32Array) -> CensusCodes:

@@ -36,6 +36,14 @@ _RING_PX, _LEAST_RING_PX, _RING_ROUNDS = 3, 24, 5
 _MOST_OF_RING: Final = 0.8
 """Share of the pixels around a hole that one plane must explain."""
 
+_UNSEEN_APART: Final = 2.0
+"""In units of the contrast: of what is beyond the other photograph."""
+
+_LIKENESS_PX: Final = 9
+_FAR_BETTER: Final = 0.4
+"""Window in which levels are compared with those at another parallax, and of what they leave the
+share that tells of a thing of its own there: what changed looks like nothing on its line."""
+
 _GUARD_PX: Final = 2
 _AROUND_PX, _SPREAD_SHARE = 13, 0.1
 """Window, and the share of the parallax's range in it by which a pixel may be off."""
@@ -191,6 +199,34 @@ def filled_holes(
     return filled, is_hole
 
 
+def is_elsewhere(
+    views: AlignedViews, parallax_px: Float32Array, doubtful: BoolArray, range_px: tuple[int, int]
+) -> BoolArray:
+    """Doubtful pixels that another place on their line explains far better, and those beside them.
+
+    A small thing may have no match, and be taken for a hole in what is behind it. ``views``: in
+    their own light.
+    """
+
+    def left_at(parallax: Float32Array) -> Float32Array:
+        apart = np.abs(
+            shifted_along(views.source, views, parallax, cv2.INTER_LINEAR) - views.target
+        )
+        unknown = np.nan_to_num(apart, nan=_UNSEEN_APART).astype(np.float32)
+        return np.asarray(cv2.blur(unknown, (_LIKENESS_PX, _LIKENESS_PX)), dtype=np.float32)
+
+    if not doubtful.any():
+        return np.zeros_like(doubtful)
+    own = left_at(parallax_px)
+    best = own.copy()
+    for parallax in range(range_px[0], range_px[1] + 1):
+        np.minimum(best, left_at(np.full_like(parallax_px, parallax)), out=best)
+    found = doubtful & (best < _FAR_BETTER * own)
+    # Windows find its middle, and not its outline.
+    around = np.ones((_LIKENESS_PX, _LIKENESS_PX), dtype=np.uint8)
+    return cv2.dilate(found.astype(np.uint8), around).astype(np.bool_)
+
+
 def _one_surface(parallax_px: Float32Array, ring: BoolArray) -> Float32Array | None:
     """The plane through a ring of pixels, where it is that of nearly all of them."""
     rows, cols = np.nonzero(ring)
@@ -218,14 +254,19 @@ def hidden_in_other(
     return np.asarray((sure > 0) & (np.abs(there - own) > _TWO_WAY_PX))
 
 
-def place_error(parallax_px: Float32Array, error_px: Float32Array) -> Float32Array:
+def place_error(
+    parallax_px: Float32Array, error_px: Float32Array, apart_px: Float32Array
+) -> Float32Array:
     """How far pixels may be from their places: by noise, and by how much the surface varies around.
 
     Beside a jump, and on a steep slope, neighbours are of other depths than a pixel itself.
+    ``apart_px``: from what the other photograph's pixels say of the same place.
     """
     around = np.ones((_AROUND_PX, _AROUND_PX), dtype=np.uint8)
     spread = cv2.dilate(parallax_px, around) - cv2.erode(parallax_px, around)
     measured = np.where(np.isfinite(error_px), error_px, np.float32(_INTERPOLATED_PX))
+    # Noise, and what is averaged with a pixel, are much the same there and back.
+    measured = np.maximum(measured, apart_px)
     return np.asarray(np.hypot(measured, np.float32(_SPREAD_SHARE) * spread), dtype=np.float32)
 
 

@@ -19,6 +19,7 @@ from calibration.parallax._occlusion import (
     filled_surface,
     guarded,
     hidden_in_other,
+    is_elsewhere,
     known_surface,
     matched_both_ways,
     place_error,
@@ -140,7 +141,7 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
         restored_px=np.stack([-other.parallax_px * lit.to_y, -other.parallax_px * lit.to_x]),
         is_seen=guarded(is_seen, own.parallax_px),
         is_seen_back=guarded(is_seen_back, other.parallax_px),
-        error_px=place_error(own.parallax_px, own.error_px),
+        error_px=place_error(own.parallax_px, own.error_px, _apart(own, other, lit)),
         photograph="followup",
     )
     unknown = np.float32(np.nan)
@@ -216,6 +217,7 @@ def _surfaces(
         parallax, is_hole = filled_holes(parallax, known, whole.is_target & whole.is_source)
         known |= is_hole
         filled, is_sure = filled_surface(parallax, known, agrees, whole.to_x, whole.to_y)
+        is_sure &= ~_is_elsewhere(whole, filled, is_sure & (is_hole | ~known), both, factor)
         found.append(
             _Surface(
                 parallax_px=filled,
@@ -227,6 +229,23 @@ def _surfaces(
     return found[0], found[1]
 
 
+def _is_elsewhere(
+    views: AlignedViews,
+    parallax_px: Float32Array,
+    doubtful: BoolArray,
+    matched: MatchedViews,
+    factor: int,
+) -> BoolArray:
+    """Doubtful pixels that something else on their line explains, on the image of the matching."""
+    reduced = views.reduced(factor)
+    rows, cols = reduced.target.shape
+    part = np.s_[: rows * factor : factor, : cols * factor : factor]
+    found = is_elsewhere(
+        reduced, parallax_px[part] / np.float32(factor), doubtful[part], matched.range_px
+    )
+    return _enlarged(found.astype(np.float32), factor, doubtful.shape) > 0.5
+
+
 def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:
     """Pixels of a surface that nothing hides in the other view, away from both borders."""
     hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_known, views)
@@ -234,6 +253,12 @@ def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:
     is_inner = shifted_along(inner, views, own.parallax_px, cv2.INTER_NEAREST) > 0
     # What was matched there and back is there.
     return own.is_sure & (own.is_known | ~hidden) & is_inner & _within(views.is_target)
+
+
+def _apart(own: _Surface, other: _Surface, views: AlignedViews) -> Float32Array:
+    """How far the other view's surface is from this one's, which it should be: both err."""
+    there = shifted_along(other.parallax_px, views, own.parallax_px, cv2.INTER_LINEAR)
+    return np.asarray(np.nan_to_num(np.abs(there - own.parallax_px)), dtype=np.float32)
 
 
 def _within(shown: BoolArray) -> BoolArray:
@@ -284,7 +309,7 @@ def _held_out_gain(views: AlignedViews, matched: MatchedViews, factor: int) -> t
         return 0.0, 0.0
     # Where nothing is seen, nothing differs: that says nothing of the scatter.
     most = np.float32(_TRIMMED_SD * robust_sigma(apart[apart != 0]))
-    block = HELD_OUT_PERIOD_PX * factor
+    block = HELD_OUT_PERIOD_PX // 2 * factor  # of those at any offset, each is alone
     rows, cols = (n // block for n in shape)
 
     def by_block(image: Float32Array) -> Float32Array:

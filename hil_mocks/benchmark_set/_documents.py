@@ -76,7 +76,7 @@ def card_files(size: str, seed: int) -> dict[str, bytes]:
         "simulations": str(known.simulations),
         "alignments": str(known.alignments),
         "unrelated": str(known.unrelated),
-        "changes": str(known.changes),
+        "changes": str(known.changes + known.deep_changes),
         "scenes": str(len(known.scenes)),
         "frame": "{1} x {0}".format(*known.frame),
     }

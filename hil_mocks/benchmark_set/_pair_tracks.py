@@ -8,12 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_mocks.benchmark_set._camera_tracks import calibration_chart
+from hil_mocks.benchmark_set._depth import (
+    DEEP_KINDS,
+    DeepView,
+    Visibility,
+    drawn_depths,
+    drawn_pose,
+)
 from hil_mocks.benchmark_set._lenses import LENSES, Lens, falls_to
 from hil_mocks.benchmark_set._photographs import (
     BLACK_LEVEL_DN,
     WHITE_DN,
     Condition,
     Grid,
+    mask_tiff,
     pixels,
     spot_series,
     truth_tiff,
@@ -25,6 +33,7 @@ from hil_mocks.benchmark_set._tasks import (
     RenderedTask,
     SetSize,
     Task,
+    View,
     chart_light,
     gradient,
     numbered,
@@ -120,6 +129,8 @@ def _pose_of(
         # An upright camera straight above would see no parallax of what is at its axis.
         tilt_deg = float(rng.uniform(6, 14))
         return replace(pose, tilt_deg=tilt_deg, bearing_deg=bearing_deg, relief=_relief(rng, shape))
+    if kind in DEEP_KINDS:
+        return drawn_pose(rng, kind, pose)
     return pose
 
 
@@ -202,6 +213,9 @@ FAINTEST, STRONGEST = 0.5, 30.0
 MOST_SPOTS = 8
 _FROM_BORDER_PX = 14.0
 _APART_PX = 22.0
+_ON_ONE_PX, _ON_ONE_SIGMAS = 4.0, 1.0
+"""A spot is on one surface, which both photographs show, within so many px and widths of it."""
+
 _TRIES = 400
 _TYPICAL_LIGHT = 0.42
 
@@ -233,7 +247,12 @@ class ChangedPair(PairTask):
         lit = self._light(shared)
         view = self.seen_from(pose)
         chart = calibration_chart(shared, self.chart_shape)
-        spots = self._spots(rng, pose, condition) if self.is_changed else ()
+        seen = view.visibility() if isinstance(view, DeepView) else None
+        spots = (
+            self._spots(rng, condition, _Canvas(pose=pose, visibility=seen))
+            if self.is_changed
+            else ()
+        )
         before = view.followup_light() * lit
         after = before + _spots_light(spots, self.lens, view.followup_grid(), condition)
         folder, suffix = f"changes/{self.name}", condition.suffix
@@ -250,6 +269,11 @@ class ChangedPair(PairTask):
         if self.is_changed:
             change = condition.expected_dn(after) - condition.expected_dn(before)
             files[f"truth/changes/{self.name}.tif"] = truth_tiff(change, np.int16)
+        depths: dict[str, Any] = {}
+        if isinstance(view, DeepView) and seen is not None:
+            unseen = f"truth/changes/{self.name}-unseen.tif"
+            depths = {"unseen": unseen, "depths": view.facts()}
+            files[unseen] = mask_tiff(seen.is_unseen)
         return RenderedTask(
             files=files,
             task={
@@ -267,6 +291,7 @@ class ChangedPair(PairTask):
                 "lens": self.lens.facts(),
                 "condition": condition.name,
                 **_pose_facts(pose),
+                **depths,
                 "spots": [asdict(spot) for spot in spots],
             },
         )
@@ -285,9 +310,9 @@ class ChangedPair(PairTask):
         return float(rng.uniform(0.7, 1.25)) * gradient(self.shape, slope, bearing_deg)
 
     def _spots(
-        self, rng: np.random.Generator, pose: Pose, condition: Condition
+        self, rng: np.random.Generator, condition: Condition, canvas: "_Canvas"
     ) -> tuple[_PaintedSpot, ...]:
-        """Spots apart from one another and from the borders of both frames."""
+        """Spots apart from one another, where both photographs show what they are painted on."""
         rows, cols = self.shape
         typical_dn = BLACK_LEVEL_DN + _TYPICAL_LIGHT * WHITE_DN * condition.exposure
         noise_dn = sqrt(condition.variance_dn2(typical_dn))
@@ -299,7 +324,7 @@ class ChangedPair(PairTask):
             strength = FAINTEST * (STRONGEST / FAINTEST) ** float(rng.uniform())
             sign = float(rng.choice([-1.0, 1.0]))
             is_apart = all((x - s.x_px) ** 2 + (y - s.y_px) ** 2 > _APART_PX**2 for s in spots)
-            if not (is_apart and _is_within(pose, x, y)):
+            if not (is_apart and canvas.shows(x, y, width)):
                 continue
             peak = strength * noise_dn / behind_blur(self.lens, width)
             spots.append(_PaintedSpot(x_px=x, y_px=y, sigma_px=width, amplitude_dn=sign * peak))
@@ -308,11 +333,47 @@ class ChangedPair(PairTask):
         return tuple(spots)
 
 
-def _is_within(pose: Pose, x_px: float, y_px: float) -> bool:
-    u, v = pose.reference_points(np.array([x_px]), np.array([y_px]))
-    rows, cols = pose.reference_shape
-    margin = _FROM_BORDER_PX
-    return bool(margin < u[0] < cols - 1 - margin and margin < v[0] < rows - 1 - margin)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeepPair(ChangedPair):
+    """A pair of a scene with depth, whose things are cut out of another scene."""
+
+    things_scene: str
+
+    def seen_from(self, pose: Pose) -> View:
+        """See `Task.seen_from`; twins show the same depths."""
+        return DeepView(
+            scene=self.scene_name,
+            seed=self.seed,
+            lens=self.lens,
+            pose=pose,
+            depths=drawn_depths(
+                stream(self.seed, self.track, self.pair, "depths"), self.kind, pose
+            ),
+            things_scene=self.things_scene,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Canvas:
+    """What spots may be painted on; ``visibility`` is of a scene with depth."""
+
+    pose: Pose
+    visibility: Visibility | None
+
+    def shows(self, x_px: float, y_px: float, sigma_px: float) -> bool:
+        """Whether both photographs show a spot there, away from their borders."""
+        seen = self.visibility
+        if seen is None:
+            u, v = self.pose.reference_points(np.array([x_px]), np.array([y_px]))
+            at_x, at_y = float(u[0]), float(v[0])
+        else:
+            pixel = round(y_px), round(x_px)
+            at_x, at_y = float(seen.x_px[pixel]), float(seen.y_px[pixel])
+        rows, cols = self.pose.reference_shape
+        margin = _FROM_BORDER_PX
+        if not (margin < at_x < cols - 1 - margin and margin < at_y < rows - 1 - margin):
+            return False
+        return seen is None or seen.shows(x_px, y_px, _ON_ONE_PX + _ON_ONE_SIGMAS * sigma_px)
 
 
 def behind_blur(lens: Lens, sigma_px: float) -> float:
@@ -336,30 +397,65 @@ def _spots_light(
 
 
 def change_tasks(size: SetSize, seed: int) -> list[Task]:
-    """Tasks of the track."""
+    """Tasks of the track: first those of planes and smooth reliefs, then those of deep scenes."""
     rng, pairs = stream(seed, "changes", size.name), size.changes // 2
-    choices = zip(
-        numbered("pair", pairs),
+    names = iter(numbered("changes", size.changes + size.deep_changes))
+    of_pairs = iter(numbered("pair", pairs + size.deep_changes // 2))
+    tasks: list[Task] = []
+    for seen, kind, lens, condition in zip(
         spread(rng, size.scenes, pairs),
         spread(rng, CHANGE_KINDS, pairs),
         spread(rng, LENSES, pairs),
         spread(rng, CONDITIONS, pairs),
         strict=True,
-    )
-    names = iter(numbered("changes", size.changes))
-    return [
-        ChangedPair(
-            name=next(names),
-            pair=pair,
-            is_changed=is_changed,
-            seed=seed,
-            shape=size.frame,
-            chart_shape=size.chart_frame,
-            scene_name=seen,
-            kind=kind,
-            lens=lens,
-            condition=condition,
-        )
-        for pair, seen, kind, lens, condition in choices
-        for is_changed in ((True, False) if rng.uniform() < 0.5 else (False, True))
-    ]
+    ):
+        pair = next(of_pairs)
+        tasks += [
+            ChangedPair(
+                name=next(names),
+                pair=pair,
+                is_changed=is_changed,
+                seed=seed,
+                shape=size.frame,
+                chart_shape=size.chart_frame,
+                scene_name=seen,
+                kind=kind,
+                lens=lens,
+                condition=condition,
+            )
+            for is_changed in _twins(rng)
+        ]
+    # Drawn by themselves: what they are changes nothing of the tasks before them.
+    rng, pairs = stream(seed, "changes", "deep", size.name), size.deep_changes // 2
+    for seen, kind, lens, condition in zip(
+        spread(rng, size.scenes, pairs),
+        spread(rng, DEEP_KINDS, pairs),
+        spread(rng, LENSES, pairs),
+        spread(rng, CONDITIONS, pairs),
+        strict=True,
+    ):
+        pair = next(of_pairs)
+        others = [other for other in size.scenes if other != seen]
+        things_scene = others[int(rng.integers(len(others)))]
+        tasks += [
+            DeepPair(
+                name=next(names),
+                pair=pair,
+                is_changed=is_changed,
+                seed=seed,
+                shape=size.frame,
+                chart_shape=size.chart_frame,
+                scene_name=seen,
+                things_scene=things_scene,
+                kind=kind,
+                lens=lens,
+                condition=condition,
+            )
+            for is_changed in _twins(rng)
+        ]
+    return tasks
+
+
+def _twins(rng: np.random.Generator) -> tuple[bool, bool]:
+    """Which of two twins is changed."""
+    return (True, False) if rng.uniform() < 0.5 else (False, True)

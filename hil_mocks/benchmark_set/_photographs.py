@@ -338,6 +338,11 @@ def truth_tiff(levels_dn: FloatArray, dtype: type[np.uint16] | type[np.int16]) -
     return _tiff_bytes(np.rint(levels_dn * STEPS_PER_DN).astype(dtype))
 
 
+def mask_tiff(mask: NDArray[np.bool_]) -> bytes:
+    """A mask as a file: 1 where it holds."""
+    return _tiff_bytes(mask.astype(np.uint8))
+
+
 def _tiff_bytes(levels: NDArray[Any]) -> bytes:
     """Uncompressed grey TIFF that holds nothing but the levels."""
     file = BytesIO()

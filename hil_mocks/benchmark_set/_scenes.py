@@ -231,22 +231,38 @@ class Pose:
         return FOCAL_LENGTH_PER_WIDTH * self.reference_shape[1]
 
     @property
-    def _rotation(self) -> FloatArray:
+    def rotation(self) -> FloatArray:
+        """Axes of the follow-up's camera in the reference's, shape (3, 3)."""
         return leaning_rotation(self.tilt_deg, self.bearing_deg, self.roll_deg)
 
     @property
-    def _pupil(self) -> FloatArray:
+    def pupil(self) -> FloatArray:
         """Position with the plane at depth 1 before the reference's pupil, the origin."""
         middle = [shift / self.focal_length_px for shift in self.shift_px]
-        return np.asarray(np.array([*middle, 1.0]) - self.zoom * self._rotation[:, 2])
+        return np.asarray(np.array([*middle, 1.0]) - self.zoom * self.rotation[:, 2])
 
     @property
     def matrix(self) -> FloatArray:
         """Ideal follow-up pixels to ideal reference pixels, through the plane, shape (3, 3)."""
-        rotation, pupil = self._rotation, self._pupil
+        rotation, pupil = self.rotation, self.pupil
         made = self._lens(self.reference_shape) @ plane_rays(rotation, pupil)
         made = made @ np.linalg.inv(self._lens(self.followup_shape))
         return np.asarray(made / made[2, 2])
+
+    def rays(self, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
+        """Directions of ideal pixels in their own camera, of depth 1, shape (3, ...)."""
+        middle_x, middle_y = self._lens(self.reference_shape)[:2, 2]
+        across, down = x_px - middle_x, y_px - middle_y
+        focal = self.focal_length_px
+        return np.stack([across / focal, down / focal, np.ones_like(across)])
+
+    def seen_by_reference_at(
+        self, x: FloatArray, y: FloatArray, depth: float | FloatArray
+    ) -> Positions:
+        """Ideal reference pixels of points before its pupil, in units of the plane's depth."""
+        middle_x, middle_y = self._lens(self.reference_shape)[:2, 2]
+        scale = self.focal_length_px / depth
+        return x * scale + middle_x, y * scale + middle_y
 
     def _lens(self, shape: tuple[int, int]) -> FloatArray:
         middle_x, middle_y = (shape[1] - 1) / 2, (shape[0] - 1) / 2
@@ -295,7 +311,7 @@ class Pose:
             down = y * self.focal_length_px + middle[1] - bump.y_px
             square = (across * across + down * down) / (2 * bump.sigma_px**2)
             height += bump.height_mm / REFERENCE_DISTANCE_MM * np.exp(-square)
-        pupil = self._pupil
+        pupil = self.pupil
         depth = 1 - height
         beyond = (1 - pupil[2]) / (depth - pupil[2])
         return (

@@ -25,7 +25,8 @@ class SetSize:
     """How large a set is.
 
     ``frame`` and ``chart_frame`` are ``(rows, cols)`` of photographs and of the charts beside them;
-    ``variants`` is the number of scenes of a kind, ``kinds`` that of the kinds.
+    ``variants`` is the number of scenes of a kind, ``kinds`` that of the kinds; ``deep_changes`` is
+    that of the pairs with depth beyond the ``changes``.
     """
 
     name: str
@@ -39,6 +40,7 @@ class SetSize:
     alignments: int
     unrelated: int
     changes: int
+    deep_changes: int
 
     @property
     def scenes(self) -> list[str]:
@@ -60,6 +62,7 @@ SIZES = {
         alignments=7,
         unrelated=1,
         changes=6,
+        deep_changes=4,
     ),
     "small": SetSize(
         name="small",
@@ -73,6 +76,7 @@ SIZES = {
         alignments=90,
         unrelated=12,
         changes=96,
+        deep_changes=32,
     ),
     "full": SetSize(
         name="full",
@@ -86,6 +90,7 @@ SIZES = {
         alignments=360,
         unrelated=48,
         changes=384,
+        deep_changes=128,
     ),
 }
 

@@ -238,6 +238,28 @@ def test_own_detections_are_counted_at_the_programs_threshold(tmp_path: Path) ->
     assert value(found, "changes", "own_false_places") == 2 / 8
 
 
+def test_what_the_reference_does_not_show_counts_for_nothing(tmp_path: Path) -> None:
+    """Nor do pixels within 2 px of it; those beyond do."""
+    made, program = change_set(tmp_path, [10.0, 20.0])
+    unseen = np.zeros((ROWS, COLS), np.uint8)
+    unseen[30:34, 5:9] = 1
+    for name in made.changes:
+        made.changes[name]["unseen"] = f"truth/changes/{name}-unseen.tif"
+        made.pictures[f"truth/changes/{name}-unseen.tif"] = unseen
+    write_maps(program, [10.0, 20.0], false_score=5.0)
+    scores = np.zeros((ROWS, COLS))
+    scores[20, 30] = 9.0
+    scores[28:36, 3:11] = 99.0
+    write_picture(program, "changes", "c00", scores)
+    scores[20, 30] = 0.0
+    write_picture(program, "changes", "n00", scores)
+    write_json(program, "detections.json", {"n00": [[3.0, 28.0], [2.0, 28.0]], "c00": [[6, 31]]})
+    found = standoff.score_benchmark(program, made.write(tmp_path / "data"))
+    assert value(found, "changes", "spots_found") == 100
+    assert value(found, "changes", "false_places") == 0
+    assert value(found, "changes", "own_false_places") == 1 / 4
+
+
 @pytest.mark.slow
 @settings(
     max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

@@ -9,6 +9,7 @@ from calibration.parallax._occlusion import (
     filled_surface,
     guarded,
     hidden_in_other,
+    is_elsewhere,
     known_surface,
     matched_both_ways,
     place_error,
@@ -196,8 +197,30 @@ def test_a_pixel_is_as_far_off_as_its_error_and_more_beside_a_jump() -> None:
     parallax[:, 20:] = 10.0
     error = np.full(parallax.shape, 0.05, dtype=np.float32)
     error[3, 3] = np.inf
-    found = place_error(parallax, error)
+    apart = np.zeros_like(parallax)
+    apart[5, 7] = 0.4
+    found = place_error(parallax, error, apart)
     np.testing.assert_allclose(found[10, [5, 35]], 0.05, rtol=1e-6)
+    # As the other view has it elsewhere.
+    np.testing.assert_allclose(found[5, 7], 0.4, rtol=1e-6)
     # Interpolated, and a tenth of the jump's 10 px.
     np.testing.assert_allclose(found[3, 3], 0.3, rtol=1e-6)
     np.testing.assert_allclose(found[10, [16, 23]], np.hypot(0.05, 1.0), rtol=1e-6)
+
+
+def test_a_thing_taken_for_a_hole_is_found_on_its_line_and_paint_is_not() -> None:
+    rng = np.random.default_rng(5)
+    size = (60, 120)
+    ground, thing = rng.normal(size=(2, *size)).astype(np.float32)
+    target, source = ground.copy(), ground.copy()
+    target[20:40, 30:50] = thing[20:40, 30:50]
+    source[20:40, 42:62] = thing[20:40, 30:50]  # 12 px along the line
+    target[20:40, 80:100] += 3.0  # painted, on the ground alone
+    every = np.ones(size, dtype=np.bool_)
+    views = views_of(target, source, (1.0, 0.0))
+    found = is_elsewhere(views, np.zeros(size, dtype=np.float32), every, (-20, 20))
+    assert found[20:40, 30:50].all()
+    assert not found[:, 72:].any()
+    # Nor is it beyond the range, nor where nothing is in doubt.
+    assert not is_elsewhere(views, np.zeros(size, np.float32), every, (-20, 8))[:, :42].any()
+    assert not is_elsewhere(views, np.zeros(size, np.float32), ~every, (-20, 20)).any()

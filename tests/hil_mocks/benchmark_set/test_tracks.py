@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hil_mocks.benchmark_set._camera_tracks import EdgeChart, Simulation
+from hil_mocks.benchmark_set._depth import DEEP_KINDS
 from hil_mocks.benchmark_set._documents import benchmark_tasks, document_bytes
 from hil_mocks.benchmark_set._lenses import round_lens
 from hil_mocks.benchmark_set._pair_tracks import Alignment, ChangedPair, behind_blur
@@ -22,7 +23,7 @@ def test_a_set_has_the_tasks_that_its_size_says_under_names_of_their_own(size: s
         "psf": known.edge_charts + known.photographs,
         "simulation": known.simulations,
         "alignment": known.alignments,
-        "changes": known.changes,
+        "changes": known.changes + known.deep_changes,
     }
     unrelated = [task for task in tasks if isinstance(task, Alignment) and task.other_scene]
     assert len(unrelated) == known.unrelated
@@ -69,7 +70,9 @@ def test_every_kind_and_most_scenes_are_in_every_track_of_the_small_set() -> Non
         seen = {task.scene_name for task in tasks if task.track == track}
         assert seen == set(SIZES["small"].scenes)
     kinds = Counter(task.kind for task in tasks if isinstance(task, ChangedPair))
+    deep = {kind: kinds.pop(kind) for kind in DEEP_KINDS}
     assert min(kinds.values()) == max(kinds.values()) == 12
+    assert set(deep.values()) == {16}
 
 
 @pytest.mark.slow
