@@ -1,7 +1,7 @@
 """Parallax of a scene with depth, between two photographs that a plane aligns."""
 
 from dataclasses import dataclass, field, replace
-from math import ceil, sqrt
+from math import ceil, floor, sqrt
 
 import cv2
 import numpy as np
@@ -34,7 +34,7 @@ from calibration.parallax._refinement import (
 )
 from calibration.registration import DistortedPose, PixelParallax
 from calibration.robust import robust_sigma
-from simulation.arrays import AnyArray, BoolArray, Float32Array
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from simulation.by_value import ByValue
 
 _MATCHED_ON_PX = 7e5
@@ -45,8 +45,17 @@ _BEYOND_SHARE, _BEYOND_PX = 0.25, 3
 
 _MOST_PX = 160
 _EXTREMES = (0.5, 99.5)
+_ALIKE, _ALIKE_PX = 3, 1.5
+"""A surface has several features, and a wrong match is alone: an extreme counts if so many are
+within so much of it."""
 _LEAST_GAIN, _SURE_SD = 0.05, 2.5
 """Share of what differs in held-out blocks that parallax must explain, and its standard errors."""
+
+_COARSER, _LEAST_SIDE_PX = 2, 72
+"""First tried at half the resolution, unless a side then has less than three held-out blocks."""
+
+_WORSE_SD = 1.0
+"""What explains less there than the plane, by so many standard errors, is not looked at again."""
 
 _TRIMMED_SD = 6.0
 _BORDER_PX = 5.0
@@ -115,7 +124,7 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
         return None
     source, target = (np.asarray(image, dtype=np.float32) for image in (source, target))
     views = _aligned(target, source, geometry)
-    least, most = np.percentile(geometry.parallax_px[geometry.near], _EXTREMES).tolist()
+    least, most = _extremes(geometry.parallax_px[geometry.near])
     factor = max(ceil(sqrt(target.size / _MATCHED_ON_PX)), 1)
     small = views.reduced(factor)
     room = _BEYOND_SHARE * (most - least) + _BEYOND_PX
@@ -123,8 +132,10 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
         max(int(np.floor((min(least, 0.0) - room) / factor)), -_MOST_PX),
         min(int(np.ceil((max(most, 0.0) + room) / factor)), _MOST_PX),
     )
-    matched = match_views(small, low, high)
     lit = _in_own_light(views)
+    if not _gains_coarsely(views, lit, (low, high), factor):
+        return None
+    matched = match_views(small, low, high)
     gain, sure_sd = _held_out_gain(lit, matched, factor)
     if not (gain >= _LEAST_GAIN and sure_sd >= _SURE_SD):
         return None
@@ -155,6 +166,16 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
         agreeing=int(np.count_nonzero(geometry.near)),
         held_out_gain=gain,
     )
+
+
+def _extremes(parallax_px: FloatArray) -> tuple[float, float]:
+    """Least and largest parallax of features."""
+    every = np.sort(parallax_px)
+    first = np.searchsorted(every, every - _ALIKE_PX, "left")
+    last = np.searchsorted(every, every + _ALIKE_PX, "right")
+    kept = every[last - first >= _ALIKE]
+    least, most = np.percentile(kept if kept.size else every, _EXTREMES).tolist()
+    return least, most
 
 
 def _aligned(
@@ -288,6 +309,19 @@ def _enlarged(image: Float32Array, factor: int, shape: tuple[int, ...]) -> Float
     large = np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
     rows, cols = (n - m for n, m in zip(shape, large.shape, strict=True))
     return np.asarray(np.pad(large, ((0, rows), (0, cols)), mode="edge"), dtype=np.float32)
+
+
+def _gains_coarsely(
+    views: AlignedViews, lit: AlignedViews, range_px: tuple[int, int], factor: int
+) -> bool:
+    """Whether parallax may explain anything: at half the resolution, looking costs an eighth."""
+    coarse = _COARSER * factor
+    low, high = floor(range_px[0] / _COARSER), ceil(range_px[1] / _COARSER)
+    small = views.reduced(coarse)
+    if min(small.target.shape) < _LEAST_SIDE_PX:
+        return True
+    _, sure_sd = _held_out_gain(lit, match_views(small, low, high), coarse)
+    return sure_sd > -_WORSE_SD
 
 
 def _held_out_gain(views: AlignedViews, matched: MatchedViews, factor: int) -> tuple[float, float]:

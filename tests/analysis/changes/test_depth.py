@@ -118,7 +118,7 @@ def test_heights_are_those_of_the_scene_within_what_they_are_said_to_err(
     # Heights are in proportion to a baseline that is known to as much.
     assert np.median(depth.height_error_mm[measured]) < 12.0
     # Along the axis, from the camera: the scene's points in its own coordinates.
-    y, x = (one.astype(np.float64) for one in np.indices(made.is_seen.shape))
+    x, y = np.meshgrid(np.arange(float(cols)), np.arange(float(rows)))
     ray = views[1].rays(x, y, made.is_seen.shape)
     points = ray * (views[1].distance_px - made.height_px) / -ray[2]
     along = np.tensordot(views[1].rotation[2] * [1, 1, -1], points, axes=1)
