@@ -23,6 +23,7 @@ from ._quality import (
     decide as decide,
     describe_pose as describe_pose,
     pose_quality as pose_quality,
+    quality_of_scene as quality_of_scene,
     quality_with_depth as quality_with_depth,
     read_pose as read_pose,
     read_pose_series as read_pose_series,

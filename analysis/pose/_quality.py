@@ -35,6 +35,7 @@ from simulation.arguments import FilePath, checked, path_of
 from simulation.arrays import BoolArray, FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
+from simulation.pose import DepthSampling
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -349,6 +350,32 @@ def pose_quality(
     if not sampling.inside.any():
         raise OverlapError("the follow-up shows nothing of the reference", shared_px=0)
     return _judged(matrix, sampling, sampling.inside, curve, (min_d_prime, criterion))
+
+
+def quality_of_scene(
+    sampling: DepthSampling, curve: DetectabilityCurve, min_d_prime: float, criterion: Criterion
+) -> PoseQuality:
+    """Judge a pose before a scene whose depth is known, by what both photographs show.
+
+    The zoom of each pixel is that of the surface that it sees; elsewhere it is the plane's.
+    """
+    view, seen = sampling.view, sampling.seen
+    matrix = np.asarray(np.linalg.inv(view.plane), dtype=np.float64)
+    (rows, cols), (own_rows, own_cols) = view.follow_up, view.reference
+    try:
+        plane = local_sampling(matrix, (cols, rows), (own_cols, own_rows), step_px=1)
+    except ValueError as error:
+        raise AnalysisError(str(error)) from error
+    worst, best = sampling.zooms()
+    is_judged = np.isfinite(worst)
+    if not is_judged.any():
+        raise OverlapError("the follow-up shows nothing of the reference", shared_px=0)
+    with_depth = LocalSampling(
+        worst_zoom=np.where(is_judged, worst, plane.worst_zoom),
+        best_zoom=np.where(is_judged, best, plane.best_zoom),
+        inside=~seen.outside,
+    )
+    return _judged(matrix / matrix[2, 2], with_depth, is_judged, curve, (min_d_prime, criterion))
 
 
 def quality_with_depth(

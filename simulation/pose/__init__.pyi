@@ -17,7 +17,10 @@ from .depth import (
     DepthView as DepthView,
     SceneDepth as SceneDepth,
 )
-from .depth_simulation import DepthRendering as DepthRendering
+from .depth_simulation import (
+    DepthRendering as DepthRendering,
+    DepthSampling as DepthSampling,
+)
 from .simulate import (
     SimulatedPose as SimulatedPose,
     simulate_pose_of_image as simulate_pose_of_image,

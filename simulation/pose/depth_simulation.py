@@ -62,6 +62,61 @@ class SeenSurfaces(ByValue):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DepthSampling(ByValue):
+    """How a follow-up samples the surfaces of a scene.
+
+    Parameters
+    ----------
+    view
+        Where the follow-up sees the scene.
+    seen
+        What its pixels see.
+    nodes_px
+        Where it sees the nodes of a lattice over the reference, ``(x, y)``, shape (n, 2).
+    slopes
+        Derivative of the reference's position by the follow-up's at these nodes, shape (n, 2, 2);
+        NaN where a surface is seen from behind.
+    """
+
+    view: DepthView
+    seen: SeenSurfaces
+    nodes_px: FloatArray
+    slopes: FloatArray
+
+    @classmethod
+    def of(cls, scene: SceneDepth, view: DepthView) -> "DepthSampling":
+        """Follow the scene's surfaces to the follow-up."""
+        inverse, sight = 1 / scene.depth, sight_of(view)
+        parts = parted(sight, inverse)
+        along = slopes_of(inverse, *parts)
+        drawn = seen_points(sight, inverse, parts, along, view.follow_up)
+        rows, cols = lattice(view.reference)
+        smooth = [gaussian_filter(one, _SLOPE_SIGMA_PX)[np.ix_(rows, cols)] for one in along]
+        y, x = (one.ravel().astype(np.float64) for one in np.meshgrid(rows, cols, indexing="ij"))
+        places, back = local_slopes(
+            sight,
+            np.stack([x, y], axis=1),
+            inverse[np.ix_(rows, cols)].ravel(),
+            np.stack([one.ravel() for one in smooth], axis=1),
+        )
+        return cls(view=view, seen=_seen(view, drawn.x, drawn.y), nodes_px=places, slopes=back)
+
+    def zooms(self) -> tuple[FloatArray, FloatArray]:
+        """Reference pixels per follow-up pixel, where it is sampled most coarsely and most finely.
+
+        Shape ``(rows, cols)`` of the follow-up each; NaN where nothing is seen.
+        """
+        rows, cols = lattice(self.view.reference)
+        known = np.isfinite(self.slopes).all(axis=(1, 2))
+        both = np.full((len(self.slopes), 2), np.nan)
+        both[known] = np.linalg.svd(self.slopes[known], compute_uv=False)
+        at = nodes_at((rows, cols), *self.seen.places_px)
+        worst, best = np.moveaxis(both.reshape(len(rows), len(cols), 2)[at], -1, 0)
+        nothing = np.isnan(self.seen.places_px[0])
+        return np.where(nothing, np.nan, worst), np.where(nothing, np.nan, best)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DepthRendering:
     """A scene from one pose through one PSF, ready for any number of images."""
 
@@ -73,25 +128,13 @@ class DepthRendering:
     def of(cls, scene: SceneDepth, view: DepthView, psf: Psf | PsfField) -> "DepthRendering":
         """A ValueError if nothing of the reference is seen, or a field is of other frames."""
         _refuse_other_field(view, psf)
-        inverse, sight = 1 / scene.depth, sight_of(view)
-        parts = parted(sight, inverse)
-        slopes = slopes_of(inverse, *parts)
-        drawn = seen_points(sight, inverse, parts, slopes, view.follow_up)
-        seen = _seen(view, drawn.x, drawn.y)
+        found = DepthSampling.of(scene, view)
         rows, cols = lattice(view.reference)
-        smooth = [gaussian_filter(one, _SLOPE_SIGMA_PX)[np.ix_(rows, cols)] for one in slopes]
-        y, x = (one.ravel().astype(np.float64) for one in np.meshgrid(rows, cols, indexing="ij"))
-        places, back = local_slopes(
-            sight,
-            np.stack([x, y], axis=1),
-            inverse[np.ix_(rows, cols)].ravel(),
-            np.stack([one.ravel() for one in smooth], axis=1),
-        )
         counts = np.zeros((len(rows), len(cols)), dtype=np.bool_)
-        shown = ~(seen.hidden | seen.outside)
-        counts[nodes_at((rows, cols), *seen.places_px[:, shown])] = True
-        local = local_poses(view, psf, places, back, counts.ravel())
-        return cls(view=view, seen=seen, local=local)
+        shown = ~(found.seen.hidden | found.seen.outside)
+        counts[nodes_at((rows, cols), *found.seen.places_px[:, shown])] = True
+        local = local_poses(view, psf, found.nodes_px, found.slopes, counts.ravel())
+        return cls(view=view, seen=found.seen, local=local)
 
     def noise_gain(self, options: PoseOptions = DEFAULT_OPTIONS) -> FloatArray:
         """Variance of the follow-up if each reference pixel's is 1; 0 where nothing is seen."""

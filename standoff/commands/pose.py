@@ -199,11 +199,14 @@ _OF_A_CAMERA = ("reference_tilt_deg", "direction_deg", "aim", "at_zoom", "at_til
 
 
 @terminal.command(
-    terminal.exactly_one("geometry", "focal_length_px", "homography"),
+    terminal.exactly_one("geometry", "focal_length_px", "homography", unless="depth"),
     *(terminal.needs(option, "geometry", "focal_length_px") for option in _OF_A_CAMERA),
+    terminal.needs("depth", "homography"),
+    terminal.excludes("depth", "geometry", "image_size", *_OF_A_CAMERA),
+    terminal.needs("plane_depth", "depth"),
     terminal.needs("reference_size", "homography"),
     terminal.needs("criterion", "homography"),
-    terminal.needs("focal_length_px", "image_size"),
+    terminal.needs("focal_length_px", "image_size", "depth"),
     terminal.needs("image_size", "focal_length_px"),
     terminal.needs("at_tilt_deg", "at_zoom"),
 )
@@ -223,6 +226,8 @@ def limits(
     at_tilt_deg: Annotated[float, Option("--at-tilt", min=-75, max=75)] = 0.0,
     homography: Path | None = None,
     reference_size: str | None = None,
+    depth: Path | None = None,
+    plane_depth: float | None = None,
     criterion: Criterion | None = None,
     plot: Annotated[Path | None, terminal.Result(".png", ".svg")] = None,
     focus_scatter_px2: terminal.FocusScatter = None,
@@ -235,7 +240,7 @@ def limits(
     Options
     -------
     geometry: geometry.json of the camera.
-    focal_length_px: Focal length in px, instead of --geometry.
+    focal_length_px: Focal length in px, instead of --geometry, or with --depth.
     image_size: Frame size WxH in px, with --focal-length-px.
     reference_tilt_deg: Tilt of the reference in degrees.
     direction_deg: Direction of the follow-up's tilt, in degrees from +x (the direction of the
@@ -246,6 +251,9 @@ def limits(
     at_tilt_deg: Tilt at --at-zoom in degrees.
     homography: H.json of a known pose, to print its d' instead of the limits.
     reference_size: Frame size WxH in px of --homography's reference; by default the follow-up's.
+    depth: With --homography and --focal-length-px: depth of what the reference shows, a map or a
+        list of planes as for standoff simulate.
+    plane_depth: Depth of the plane of --homography, as for standoff simulate.
     criterion: With --homography: d' must reach the threshold in all of the overlap (min, the
         default) or in 95 % of it (quantile).
     plot: Also write a figure (PNG or SVG).
@@ -255,6 +263,11 @@ def limits(
             library.judge_homography,
             reference_size=terminal.parsed_size(reference_size, "--reference-size"),
             criterion=criterion or "min",
+            depth=None
+            if depth is None
+            else library.read_depth(
+                depth, focal_length_px=focal_length_px, plane_depth=plane_depth
+            ),
         )
         judged = library.judge_homography(homography, curves, min_dprime, **how)
         terminal.answer(judged.to_json, lambda: _print_judged(judged), judged.notes)

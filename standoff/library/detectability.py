@@ -26,6 +26,7 @@ from analysis.detectability import (
     read_curves,
     student_factor,
 )
+from analysis.errors import AnalysisError
 from analysis.evaluation import is_evaluation, read_evaluation
 from analysis.pose import (
     QUANTILE,
@@ -36,6 +37,7 @@ from analysis.pose import (
     contrast_found_at,
     limits_of_curve,
     pose_quality,
+    quality_of_scene,
 )
 from analysis.reports import plot_pose, write_figure
 from calibration.files import read_geometry, read_noise
@@ -46,6 +48,7 @@ from simulation.arguments import ArgumentTypeError, accepted, arguments_at_fault
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
+from simulation.pose import DepthSampling, DepthView, SceneDepth
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import (
     Call,
@@ -462,6 +465,9 @@ class JudgedHomography(Shown, ByValue):
         The maps and the verdict.
     reference_size, followup_size
         ``(width, height)`` in px.
+    hidden
+        Of a scene with depth: share of the overlap in which the follow-up sees what the reference
+        does not show; no change would be found there. None if the scene was taken as flat.
     notes
         Remarks, one sentence each.
     """
@@ -470,6 +476,7 @@ class JudgedHomography(Shown, ByValue):
     reference_size: tuple[int, int]
     followup_size: tuple[int, int]
     provenance: Provenance
+    hidden: float | None = None
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -492,7 +499,7 @@ class JudgedHomography(Shown, ByValue):
     @cached_property
     def dprime_quantile(self) -> float:
         """Value of d' that is reached in all but 5 % of the overlap."""
-        seen = self.quality.d_prime[self.quality.sampling.inside]
+        seen = self.quality.d_prime[np.isfinite(self.quality.d_prime)]
         return float(np.quantile(seen, QUANTILE, method="lower"))
 
     @cached_property
@@ -514,6 +521,7 @@ class JudgedHomography(Shown, ByValue):
             "zoom_median": self.zoom_median,
             "reference_size": list(self.reference_size),
             "followup_size": list(self.followup_size),
+            "hidden": self.hidden,
         }
 
     @property
@@ -526,6 +534,7 @@ class JudgedHomography(Shown, ByValue):
             f"median and {self.dprime_quantile:.3g} or more in 95 % of the overlap, threshold "
             f"{quality.min_d_prime:g} ({quality.criterion}); local zoom {summary.zoom_min:.3f} to "
             f"{summary.zoom_max:.3f}, overlap {100 * summary.overlap:.0f} %"
+            + ("" if self.hidden is None else f", of which {100 * self.hidden:.0f} % is hidden")
         )
 
 
@@ -540,6 +549,7 @@ def judge_homography(
     reference_size: tuple[int, int] | None = None,
     criterion: Criterion = "min",
     focus_scatter_px2: float | None = None,
+    depth: SceneDepth | None = None,
 ) -> JudgedHomography:
     """Judge a pose by its homography, without photographs.
 
@@ -563,6 +573,9 @@ def judge_homography(
         ``min``: d' reaches the threshold everywhere in the overlap; ``quantile``: in all but 5 %.
     focus_scatter_px2
         Standard deviation of the PSF's variance from capture to capture, instead of the curve's.
+    depth
+        Depth of what the reference shows, with the camera's focal length: d' is then that at each
+        pixel's own distance, and none of what is hidden. By default the scene is flat.
 
     Returns
     -------
@@ -596,6 +609,8 @@ def judge_homography(
     frame = reference_size or followup_size
     refuse_giant_frame(frame, "reference_size")
     matrix = pose.matrix
+    if depth is not None:
+        return _judged_with_depth(call, depth, pose, found, (min_d_prime, criterion))
     if pose.distortion_k1 != 0:
         whole = DistortedPose(
             matrix=matrix,
@@ -613,6 +628,35 @@ def judge_homography(
         quality=quality,
         reference_size=frame,
         followup_size=followup_size,
+        provenance=call.provenance(),
+        notes=call.notes,
+    )
+
+
+def _judged_with_depth(
+    call: Call,
+    depth: SceneDepth,
+    pose: Homography,
+    curve: DetectabilityCurve,
+    demand: tuple[float, Criterion],
+) -> JudgedHomography:
+    """Judge a pose before a scene of known depth."""
+    try:
+        view = DepthView.of_homography(depth, pose.matrix, pose.size, pose.distortion_k1)
+    except ArgumentError:
+        raise
+    except ValueError as error:
+        raise AnalysisError(str(error)) from error
+    sampling = DepthSampling.of(depth, view)
+    quality = quality_of_scene(sampling, curve, *demand)
+    if quality.beyond_curve > 0:
+        call.note(quality.beyond_curve_sentence)
+    rows, cols = depth.shape
+    return JudgedHomography(
+        quality=quality,
+        reference_size=(cols, rows),
+        followup_size=pose.size,
+        hidden=float(np.mean(sampling.seen.hidden) / np.mean(~sampling.seen.outside)),
         provenance=call.provenance(),
         notes=call.notes,
     )

@@ -97,14 +97,20 @@ class Given:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OptionRule:
-    """A rule for a command line; ``because`` is added to the message about a fault."""
+    """A rule for a command line; ``because`` is added to the message about a fault.
+
+    It does not hold where ``unless`` is given.
+    """
 
     kind: Literal["needs", "excludes", "exactly one"]
     options: tuple[Given, ...]
     because: str = ""
+    unless: Given | None = None
 
     def fault(self, context: Context) -> str | None:
         """Say in a sentence how a command line breaks the rule; None if it does not."""
+        if self.unless is not None and self.unless.is_given(context):
+            return None
         first, *others = self.options
         given = [option for option in self.options if option.is_given(context)]
         if self.kind == "exactly one":
@@ -132,9 +138,13 @@ def excludes(option: str | Given, *others: str | Given, because: str = "") -> Op
     return OptionRule(kind="excludes", options=_options(option, *others), because=because)
 
 
-def exactly_one(*options: str | Given) -> OptionRule:
+def exactly_one(*options: str | Given, unless: str | None = None) -> OptionRule:
     """Refuse a command line that does not give exactly one of ``options``."""
-    return OptionRule(kind="exactly one", options=_options(*options))
+    return OptionRule(
+        kind="exactly one",
+        options=_options(*options),
+        unless=None if unless is None else Given(unless),
+    )
 
 
 def _options(*options: str | Given) -> tuple[Given, ...]:

@@ -11,6 +11,7 @@ import tifffile
 import standoff
 from acquisition.photographs import read_photograph
 from calibration.errors import CalibrationError
+from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command
 
 ROWS, COLS = 90, 120
@@ -233,3 +234,81 @@ def test_a_coloured_depth_map_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(path), np.full((9, 9, 3), 3, np.uint8))
     with pytest.raises(CalibrationError, match="one channel, this image 3"):
         standoff.read_depth(path)
+
+
+# d' of the curve is 2 at zoom 1.5, and 1 at 2.
+
+
+@pytest.fixture
+def further(tmp_path: Path) -> Path:
+    """The plane at 600 from 1.5 times as far; what is at half of that is then twice as far."""
+    size = [COLS, ROWS]
+    matrix = [
+        [1.5, 0, (COLS - 1) / 2 * (1 - 1.5)],
+        [0, 1.5, (ROWS - 1) / 2 * (1 - 1.5)],
+        [0, 0, 1],
+    ]
+    path = tmp_path / "further.json"
+    document = {"schema": "standoff.homography/1", "matrix": matrix, "size": size}
+    path.write_text(json.dumps(document))
+    return path
+
+
+@pytest.fixture
+def curves(tmp_path: Path) -> Path:
+    path = tmp_path / "curves.json"
+    one = json.loads(curve().model_dump_json())
+    path.write_text(json.dumps({"schema": "standoff.detectability/1", "curves": [one]}))
+    return path
+
+
+def test_d_prime_is_predicted_at_each_distance(
+    depth_file: Path, further: Path, curves: Path
+) -> None:
+    scene = standoff.read_depth(depth_file, focal_length_px=500.0)
+    judged = standoff.judge_homography(further, curves, 0.9, depth=scene)
+    d_prime = judged.quality.d_prime
+    assert d_prime.shape == (ROWS, COLS)
+    middle = ROWS // 2, COLS // 2
+    assert d_prime[middle] == pytest.approx(1.0, rel=1e-3)
+    assert d_prime[middle[0], 30] == pytest.approx(2.0, rel=1e-3)
+    # A thing that shrinks more than its ground uncovers some of that: there is no d' there.
+    hidden = judged.hidden
+    assert hidden is not None
+    assert 0 < hidden < 0.1
+    inside = judged.quality.sampling.inside
+    assert np.mean(np.isnan(d_prime[inside])) == pytest.approx(hidden, abs=1e-9)
+    flat = standoff.judge_homography(further, curves, 0.9)
+    assert flat.hidden is None
+    assert flat.quality.summary.dprime_min == pytest.approx(2.0, rel=1e-3)
+    assert judged.quality.summary.dprime_min == pytest.approx(1.0, rel=2e-2)
+
+
+def test_a_flat_map_gives_the_figures_of_a_flat_scene(further: Path, curves: Path) -> None:
+    flat = standoff.judge_homography(further, curves, 0.9)
+    scene = standoff.SceneDepth(depth=np.full((ROWS, COLS), 3.0), focal_length_px=500.0)
+    judged = standoff.judge_homography(further, curves, 0.9, depth=scene)
+    assert judged.hidden == 0
+    one, other = flat.to_json(), judged.to_json()
+    for name in ("dprime_min", "dprime_median", "dprime_decisive", "zoom_max", "probability"):
+        assert other[name] == pytest.approx(one[name], rel=1e-5)
+    assert judged.is_accepted == flat.is_accepted
+
+
+def test_the_command_predicts_d_prime_with_depth(
+    command: Command, depth_file: Path, further: Path, curves: Path
+) -> None:
+    words = ("limits", "--homography", further, "--curves", curves, "--min-dprime", "1")
+    shown = command.document(
+        *words, "--depth", depth_file, "--focal-length-px", "500", "--plane-depth", "600"
+    )
+    assert shown["dprime_min"] == pytest.approx(1.0, rel=2e-2)
+    assert 0 < shown["hidden"] < 0.1
+    assert command.document(*words)["hidden"] is None
+    said = command.done(*words, "--depth", depth_file, "--focal-length-px", "500").out
+    assert "is hidden" in said
+    assert "a homography needs it" in command.refused(2, *words, "--depth", depth_file)
+    refused = command.refused(2, *words, "--depth", depth_file, "--geometry", "g.json")
+    assert "cannot be used with --geometry" in refused
+    refused = command.refused(2, *words, "--plane-depth", "600")
+    assert "--depth" in refused
