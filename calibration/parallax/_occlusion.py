@@ -40,7 +40,7 @@ _UNSEEN_APART: Final = 2.0
 """In units of the contrast: of what is beyond the other photograph."""
 
 _LIKENESS_PX: Final = 9
-_FAR_BETTER: Final = 0.4
+_FAR_BETTER: Final = 0.2
 """Window in which levels are compared with those at another parallax, and of what they leave the
 share that tells of a thing of its own there: what changed looks like nothing on its line."""
 
