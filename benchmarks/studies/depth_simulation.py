@@ -70,7 +70,7 @@ def depth_errors(kind: DepthKind, parallax_px: float, tilt_deg: float, zoom: flo
     )
     pair = depth_pair(made, near, far)
     rows, cols = made.frame
-    matrix = _ground(pair)
+    matrix = ground_homography(pair)
     y, x = np.meshgrid(np.arange(float(rows)), np.arange(float(cols)), indexing="ij")
     scene = SceneDepth(
         depth=near.distance_px - made.points(near, x, y)[0][2],
@@ -112,7 +112,7 @@ def depth_errors(kind: DepthKind, parallax_px: float, tilt_deg: float, zoom: flo
     )
 
 
-def _ground(pair: DepthPair) -> FloatArray:
+def ground_homography(pair: DepthPair) -> FloatArray:
     """The homography of the ground, by the places of its corners."""
     rows, cols = pair.is_seen.shape
     corners = [(0, 0), (0, cols - 1), (rows - 1, cols - 1), (rows - 1, 0)]
