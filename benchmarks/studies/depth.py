@@ -250,7 +250,7 @@ def _row(seed: int, task: tuple[int, DepthKind]) -> _Row:
     )
     compared_spots = [bool(found.valid[round(row), round(col)]) for row, col in spots]
     found_spots, false_spots = (
-        [_is_listed(one, row, col) for row, col in spots] for one in (changed, found)
+        [is_listed(one, row, col) for row, col in spots] for one in (changed, found)
     )
     return _Row(
         kind=kind,
@@ -279,7 +279,8 @@ def _count(compared: Sequence[bool], found: Sequence[bool], false: Sequence[bool
     return sum(a and b and not c for a, b, c in zip(compared, found, false, strict=True))
 
 
-def _is_listed(found: ChangeResult, row: float, col: float) -> bool:
+def is_listed(found: ChangeResult, row: float, col: float) -> bool:
+    """Whether anything is listed within ``NEAR_PX`` of a pixel of the follow-up."""
     every = (*found.summary.changes, *found.summary.moved)
     places = [part for one in every for part in (one, *one.parts)]
     return any(np.hypot(one.y_px - row, one.x_px - col) < NEAR_PX for one in places)
