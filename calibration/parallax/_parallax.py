@@ -51,8 +51,8 @@ within so much of it."""
 _LEAST_GAIN, _SURE_SD = 0.05, 2.5
 """Share of what differs in held-out blocks that parallax must explain, and its standard errors."""
 
-_COARSER, _LEAST_SIDE_PX = 2, 72
-"""First tried at half the resolution, unless a side then has less than three held-out blocks."""
+_COARSER, _LEAST_COARSE_PX = 2, 1e5
+"""First tried at half the resolution; a small frame then has few blocks, and takes little time."""
 
 _WORSE_SD = 1.0
 """What explains less there than the plane, by so many standard errors, is not looked at again."""
@@ -318,7 +318,7 @@ def _gains_coarsely(
     coarse = _COARSER * factor
     low, high = floor(range_px[0] / _COARSER), ceil(range_px[1] / _COARSER)
     small = views.reduced(coarse)
-    if min(small.target.shape) < _LEAST_SIDE_PX:
+    if small.target.size < _LEAST_COARSE_PX:
         return True
     _, sure_sd = _held_out_gain(lit, match_views(small, low, high), coarse)
     return sure_sd > -_WORSE_SD

@@ -96,7 +96,6 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "read_change_pairs": lambda: (result_of("change_pairs"), standoff.read_change_pairs("pairs"))[
         1
     ],
-    "read_depth": lambda: standoff.read_depth("depth.tif"),
     "read_image": lambda: standoff.read_image("before.tif"),
     "register": lambda: standoff.register("before.tif", "after.tif", "psf.json"),
     "score_benchmark": _scored,
