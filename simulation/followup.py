@@ -15,6 +15,7 @@ from simulation.pose import (
     DepthView,
     PoseOptions,
     SceneDepth,
+    SimulatedPose,
     pose_noise_gain,
     simulate_pose_of_image,
 )
@@ -200,14 +201,7 @@ def from_pose(
         # At an edge the reference's variance is taken to be that of the blurred level.
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
         own = planes * noise.variance_dn2(simulated.image)
-    return FollowUp(
-        image=simulated.image,
-        own_variance_dn2=own,
-        nearer=simulated.nearer,
-        outside=simulated.outside,
-        psf_form=psf.form,
-        is_field=isinstance(psf, PsfField),
-    )
+    return _posed(simulated, own, psf)
 
 
 def of_depth(
@@ -226,6 +220,10 @@ def of_depth(
         gain = rendering.noise_gain(options)
         planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
         own = planes * noise.variance_dn2(simulated.image)
+    return _posed(simulated, own, psf)
+
+
+def _posed(simulated: SimulatedPose, own: FloatArray | None, psf: Psf | PsfField) -> FollowUp:
     return FollowUp(
         image=simulated.image,
         own_variance_dn2=own,

@@ -78,6 +78,8 @@ def local_poses(
     """
     rows, cols = lattice(view.reference)
     y, x = (one.ravel().astype(np.float64) for one in np.meshgrid(rows, cols, indexing="ij"))
+    # Of a node at an unknown depth, any place will do: no pixel is seen there.
+    places_px = np.where(np.isfinite(places_px), places_px, np.column_stack([x, y]))
     near, far = _covariances(psf, x, y), _covariances(psf, *places_px.T)
     known = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
     used = np.flatnonzero(known & is_seen)

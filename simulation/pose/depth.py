@@ -147,8 +147,8 @@ class DepthView:
     The reference's pixel ``(x, y)`` with the inverse depth w is at ``plane @ (x, y, 1) + pupil (w -
     base . (x, y, 1))``, homogeneous in the follow-up's pixels, whose third component is its depth
     there over that in the reference; ``base . (x, y, 1)`` is the inverse depth of the plane.
-    ``lens`` is as in `simulation.pose._warp`, the follow-up's
-    centre first; ``follow_up`` is ``(rows, cols)``.
+    ``lens`` is as in `simulation.pose._warp`, the follow-up's centre first; ``follow_up`` is
+    ``(rows, cols)``.
     """
 
     plane: FloatArray
@@ -164,7 +164,8 @@ class DepthView:
         grid = SamplingGrid.centred(scene.shape, zoom)
         plane = scene.plane
         pupil = np.array([0.0, 0.0, (zoom - 1) / plane[2]])
-        return cls._of(scene, np.eye(3) + np.outer(pupil, plane), pupil, (grid.cols, grid.rows))
+        seen = np.eye(3) + np.outer(pupil, plane)
+        return cls._of(scene, (seen, plane, pupil), (grid.cols, grid.rows))
 
     @classmethod
     def of_homography(
@@ -191,19 +192,18 @@ class DepthView:
                 f"no camera with a focal length of {focal:g} px sees the plane of the depth map "
                 "so; check --focal-length-px, and that the homography is that of this plane"
             )
-        return cls._of(scene, seen, pupil, size, distortion_k1)
+        return cls._of(scene, (seen, plane, pupil), size, distortion_k1)
 
     @classmethod
     def _of(
         cls,
         scene: SceneDepth,
-        seen: FloatArray,
-        pupil: FloatArray,
+        by_rays: tuple[FloatArray, FloatArray, FloatArray],
         size: tuple[int, int],
         distortion_k1: float = 0.0,
     ) -> Self:
-        """View by rays: the homography of the plane, and the reference's pupil."""
-        width, height = size
+        """View by rays: the homography of the plane, the plane, and the reference's pupil."""
+        (seen, plane, pupil), (width, height) = by_rays, size
         shape = height, width
         far, to_rays = _lens(shape, scene.focal_length_px or 1.0), np.linalg.inv(scene.lens)
         lens = lens_of(distortion_k1, scene.shape, shape)
@@ -211,7 +211,7 @@ class DepthView:
         return cls(
             plane=far @ seen @ to_rays,
             pupil=far @ pupil,
-            base=scene.plane @ to_rays,
+            base=plane @ to_rays,
             lens=lens,
             reference=scene.shape,
             follow_up=shape,

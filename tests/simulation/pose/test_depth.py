@@ -196,6 +196,19 @@ def test_what_has_no_depth_is_hidden_and_nothing_else() -> None:
     assert np.array_equal(rendering.seen.hidden, np.isnan(depth))
 
 
+def test_what_has_no_depth_is_hidden_through_a_psf_that_varies_too() -> None:
+    depth = np.full(SHAPE, 700.0)
+    depth[20:46, 30:60] = np.nan
+    scene = SceneDepth(depth=depth, focal_length_px=FOCAL_PX)
+    matrix = homography_of(np.eye(3), np.array([0.0, 0.0, 70.0]), np.array([0.0, 0.0, 1 / 700]))
+    view = DepthView.of_homography(scene, matrix, SIZE)
+    found = DepthRendering.of(scene, view, constant_field(*SIZE, PSF)).photograph(PHOTOGRAPH)
+    plain = DepthRendering.of(scene, view, PSF).photograph(PHOTOGRAPH)
+    assert found.hidden is not None
+    assert np.count_nonzero(found.hidden) > 400
+    assert np.std(found.image - plain.image) < 1e-3 * np.std(PHOTOGRAPH)
+
+
 def test_the_plane_is_that_of_most_of_the_scene() -> None:
     rng = np.random.default_rng(4)
     depth = plane_depth(TILTED_PLANE)
