@@ -361,7 +361,7 @@ def test_guesses_are_slowed_down_and_the_pages_are_told(
 ) -> None:
     clock = FakeClock()
     monkeypatch.setattr(
-        "standoff.console.web._application.LoginThrottle", lambda: LoginThrottle(clock)
+        "standoff.console.entrance.LoginThrottle", lambda: LoginThrottle(clock)
     )
     app = console_app(hub, token=TOKEN)
     guesser, other = (
