@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
 from calibration.registration._descent import zoom_at_centre
-from calibration.registration._features import homography_pose, match_features
+from calibration.registration._features import ImageFeatures, find_features, homography_pose
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
 
@@ -76,6 +76,7 @@ class TrackingReference:
     def __init__(self, reference: AnyArray) -> None:
         self._levels = _bytes_of(reference)
         self._softened: dict[int, _Softened] = {}
+        self._features: ImageFeatures | None = None
         self._at(1.0)
 
     @property
@@ -86,7 +87,9 @@ class TrackingReference:
     def anchored(self, frame: AnyArray) -> TrackedPose:
         """Find the pose of a grey, finite frame by matched features, then by the flow."""
         levels = _bytes_of(frame)
-        matrix, _ = homography_pose(match_features(self._levels, levels))
+        if self._features is None:
+            self._features = find_features(self._levels, "reference")
+        matrix, _ = homography_pose(self._features.matched_with(find_features(levels, "followup")))
         return self._flowed(levels, matrix, _ANCHOR_PASSES)
 
     def followed(self, frame: AnyArray, matrix: FloatArray) -> TrackedPose:
