@@ -1,3 +1,4 @@
+from ._frame_faults import FrameFaults as FrameFaults, frame_faults as frame_faults
 from ._guidance import (
     TOLERANCES as TOLERANCES,
     Arrow as Arrow,

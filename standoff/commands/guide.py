@@ -1,0 +1,131 @@
+"""``standoff guide``: any phone as the follow-up's camera, guided to the reference's pose."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import BadParameter, Option
+
+from acquisition.files import require_folder
+from analysis.choices import CurveObserver
+from standoff import library, terminal
+from standoff.errors import ApplicationError
+
+DEFAULT_PORT = 8471
+RECEIVE_BYTES = 512 * 1024
+"""Lets 2 MB a second and more arrive over a link with a round trip of .1 s."""
+
+
+_OF_CURVES = ("observer", "curve_noise_dn", "curve_contrast_dn", "focus_scatter_px2")
+
+
+@terminal.command(*(terminal.needs(option, "curves") for option in _OF_CURVES))
+def guide(
+    reference: Path,
+    *,
+    out: Path = Path("guided"),
+    psf: Path | None = None,
+    noise: Path | None = None,
+    curves: Path | None = None,
+    min_dprime: Annotated[float, Option("--min-dprime")] = 2.0,
+    port: Annotated[int, Option(min=0, max=65535)] = DEFAULT_PORT,
+    host: str | None = None,
+    observer: CurveObserver | None = None,
+    curve_noise_dn: Annotated[float | None, Option("--curve-noise", metavar="S")] = None,
+    curve_contrast_dn: Annotated[float | None, Option("--curve-contrast", metavar="C")] = None,
+    focus_scatter_px2: terminal.FocusScatter = None,
+) -> None:
+    """Guide a phone to where a reference was taken, and list what changed, until Ctrl-C.
+
+    Serves a page on the local network. A phone opens it by the QR code in the terminal.
+
+    Options
+    -------
+    reference: The earlier photograph.
+    out: Folder for the photographs of the phone, each a capture session with its results.
+    psf: psf.json of the phone's camera, for the comparison; without it the blur between the
+        photographs is fitted.
+    noise: noise.json of the phone's camera, for the comparison; without it the noise is fitted.
+    curves: curves.json, to judge poses by d'; without it they are judged by where the camera
+        stands.
+    min_dprime: Lowest d' that is good enough, with --curves.
+    port: Port to listen on; 0 picks a free one.
+    host: Address to listen on; by default this computer's address in the local network.
+    observer: Use the curve for this observer.
+    curve_noise_dn: Use the curve for this noise in DN.
+    curve_contrast_dn: Use the curve for this contrast in DN.
+    """
+    if any(find_spec(name) is None for name in ("starlette", "uvicorn", "cryptography", "segno")):
+        raise ApplicationError(
+            "the guide is not installed: pip install 'standoff[console]', or make setup"
+        )
+    from standoff.console import is_loopback_host, open_socket, serve
+    from standoff.console.guide import (
+        ComparisonInputs,
+        GuideReference,
+        Judge,
+        StillStore,
+        guide_app,
+        made_certificate,
+        network_address,
+        qr_text,
+    )
+
+    require_folder(out)
+    curve = None
+    if curves is not None:
+        choice = library.CurveChoice(
+            observer=observer, noise_dn=curve_noise_dn, contrast_dn=curve_contrast_dn
+        )
+        curve = library.given_curve(curves, min_dprime, choice, focus_scatter_px2)
+    inputs = ComparisonInputs(psf=psf, noise=noise)
+    inputs.check()
+    judge = Judge(GuideReference.read(reference), curve, min_dprime)
+    address = host or network_address()
+    if address is None:
+        raise BadParameter(
+            "this computer is in no network that a phone could be in; name the address with --host",
+            param_hint="--host",
+        )
+    token = secrets.token_urlsafe(16)
+    certificate = made_certificate(address)
+    store = StillStore(out, judge, inputs)
+    with open_socket(address, port, RECEIVE_BYTES) as bound:
+        shown = f"[{address}]" if ":" in address else address
+        url = f"https://{shown}:{bound.getsockname()[1]}/"
+        entry = f"{url}login?token={token}"
+
+        def ready() -> None:
+            if terminal.wants_json():
+                document = {"url": url, "entry": entry, "fingerprint": certificate.fingerprint}
+                typer.echo(json.dumps(document))
+            else:
+                reached = (
+                    "this computer alone"
+                    if is_loopback_host(address)
+                    else "every device of the network that has the code"
+                )
+                terminal.say(
+                    qr_text(entry),
+                    f"Scan the code with the phone, or open {entry}",
+                    "The phone warns once of a certificate that it does not know: show the "
+                    "details and go on.",
+                    f"SHA-256 of the certificate: {certificate.fingerprint}",
+                    f"Served to {reached}; photographs go to {out}; Ctrl-C ends.",
+                )
+            sys.stdout.flush()
+
+        app = guide_app(
+            store, judge, token=token, fingerprint=certificate.fingerprint, tell=terminal.note
+        )
+        store.start()
+        try:
+            serve(app, bound, ready=ready, tls=certificate.context)
+        finally:
+            store.close()
