@@ -216,12 +216,19 @@ def _corners_px(levels: ByteImage, zoom: float) -> FloatArray:
 
 def _lit_like(warped: ByteImage, frame: ByteImage, corners: Float32Array) -> ByteImage:
     """Reference in the frame's light: mean and contrast around the corners are made equal."""
-    (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
-    part = np.s_[top : bottom + 1 : 2, left : right + 1 : 2]
-    mean, frame_mean = float(warped[part].mean()), float(frame[part].mean())
-    contrast = max(float(warped[part].std()), _MIN_CONTRAST)
-    gain = float(frame[part].std()) / contrast
-    lit = np.clip(gain * (np.arange(256.0) - mean) + frame_mean + 0.5, 0.0, 255.0)
+    reach_px = _WINDOW_PX // 2
+    steps = np.arange(-reach_px, reach_px + 1, 5)
+    y, x = (
+        (places[:, None, None] + offsets).clip(0, most - 1)
+        for places, offsets, most in (
+            (np.rint(corners[:, 1]).astype(np.intp), steps[:, None], frame.shape[0]),
+            (np.rint(corners[:, 0]).astype(np.intp), steps[None, :], frame.shape[1]),
+        )
+    )
+    was, seen = warped[y, x], frame[y, x]
+    contrast = max(float(was.std()), _MIN_CONTRAST)
+    gain = float(seen.std()) / contrast
+    lit = np.clip(gain * (np.arange(256.0) - was.mean()) + seen.mean() + 0.5, 0.0, 255.0)
     return np.asarray(cv2.LUT(warped, lit.astype(np.uint8)), dtype=np.uint8)
 
 

@@ -38,6 +38,9 @@ WITHOUT_CURVES: Final = (
     "distance within 3 %, the same direction within 2°, the same middle within 2 % of the picture."
 )
 
+STEADY: Final = 0.06
+"""Speed of the picture, in frames a second, up to which a hand is steady enough for the shutter."""
+
 _RANK: Final[dict[Verdict, int]] = {"go": 0, "unsure": 1, "no go": 2}
 _REMEDIES: Final = {
     "light": "more light",
@@ -160,6 +163,8 @@ class Judge:
         quality = self._quality(matrix, size, full_size)
         verdict, causes = self._verdict(deviation, faults, quality, motion)
         words, remedy = _said(verdict, deviation, causes, quality)
+        if verdict != "go" and motion > STEADY and deviation.largest_cost <= GO_UP_TO:
+            remedy = "; ".join(filter(None, (_REMEDIES["motion"], remedy)))
         return Assessment(
             verdict=verdict,
             words=words,
@@ -191,7 +196,7 @@ class Judge:
                 "glare": others["glare"],
             }
         largest = max(causes.values())
-        is_good = deviation.largest_cost <= GO_UP_TO and largest <= 1
+        is_good = deviation.largest_cost <= GO_UP_TO and largest <= 1 and motion <= STEADY
         verdict: Verdict = "go" if is_good else "unsure"
         if largest > UNSURE_UP_TO:
             verdict = "no go"
