@@ -76,7 +76,7 @@ class Wall:
         """Return a frame, shape ``(rows, cols)``: the mean of what is seen from each pose."""
         mean = np.mean([self._view(pose) for pose in poses], axis=0)
         noisy = gaussian_filter(mean, 0.5) + _NOISE_DN * rng.standard_normal(mean.shape)
-        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8)
 
     def errors(self, pose: HeldPose) -> PoseErrors:
         """Work out how far a pose is from the reference's."""

@@ -1,14 +1,12 @@
 """Live guidance: the newest frame of the phone is judged, older ones are passed over."""
 
 import asyncio
-import io
 import time
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from acquisition.errors import ApplicationError
 from analysis.pose import PoseFollower
@@ -16,6 +14,8 @@ from calibration.errors import RegistrationError
 from simulation.arrays import FloatArray
 from simulation.pose import project
 from standoff.console.guide._assessment import Assessment, Judge
+from standoff.console.guide._jpeg import JpegError, jpeg_size
+from standoff.console.guide._reference import FRAME_PX
 
 ByteImage = NDArray[np.uint8]
 
@@ -30,11 +30,14 @@ class FrameError(ApplicationError):
 
 
 def decoded_frame(data: bytes) -> ByteImage:
-    """Decode a JPEG frame to grey levels, shape ``(rows, cols)``; its header is checked first."""
+    """Decode a JPEG frame to grey levels, shape ``(rows, cols)``; its header is checked first.
+
+    The longer side is brought to 640 px, so that the pose is followed on where a phone sends
+    smaller frames over a slower link.
+    """
     try:
-        with Image.open(io.BytesIO(data), formats=("JPEG",)) as header:
-            size = header.size
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        size = jpeg_size(data)
+    except JpegError as error:
         raise FrameError("a frame is a JPEG file") from error
     if not all(side in _SIDES_PX for side in size):
         raise FrameError(
@@ -45,6 +48,10 @@ def decoded_frame(data: bytes) -> ByteImage:
     found = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     if found is None:
         raise FrameError("the frame is damaged")
+    factor = FRAME_PX / max(size)
+    if factor != 1:
+        scaled = [max(round(factor * side), 1) for side in size]
+        found = cv2.resize(found, scaled, interpolation=cv2.INTER_LINEAR)
     return np.asarray(found, np.uint8)
 
 
@@ -61,6 +68,8 @@ class LiveGuidance:
         self._turn = asyncio.Lock()
         self._newest = 0
         self._before: tuple[float, FloatArray] | None = None
+        self._follower.update(judge.reference.levels)  # its features, before anybody waits
+        self._follower.reset()
 
     async def judged(self, data: bytes) -> Assessment | None:
         """Judge a frame; None if a newer one came while it waited."""

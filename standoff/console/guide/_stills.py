@@ -1,6 +1,5 @@
 """Stills of the phone: each becomes a capture session with its pose, its verdict, its changes."""
 
-import io
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -14,7 +13,6 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from acquisition.errors import ImageFileError
 from acquisition.files import make_results_folder, write_file
@@ -26,7 +24,7 @@ from analysis.changes import Change, ChangeSummary, describe_focus, describe_lim
 from analysis.pose import PoseFollower
 from analysis.reports import compared_pictures
 from standoff.console.guide._assessment import Assessment, Judge
-from standoff.console.guide._location import without_location
+from standoff.console.guide._jpeg import jpeg_size, without_location
 from standoff.console.guide._reference import UprightView, upright
 from standoff.console.guide._uploads import Uploads
 from standoff.errors import REPORTED_ERRORS
@@ -286,11 +284,7 @@ def _session_name(path: Path) -> str:
 
 def _require_still(data: bytes) -> None:
     """Refuse what is no JPEG file of a size that can be worked on, before a pixel is decoded."""
-    try:
-        with Image.open(io.BytesIO(data), formats=("JPEG",)) as header:
-            width, height = header.size
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise ImageFileError("what was sent is not a JPEG photograph") from error
+    width, height = jpeg_size(data)
     if width * height > MOST_PX:
         raise ImageFileError(
             f"the photograph has {width} x {height} px; at most {MOST_PX / 1e6:.0f} million are "

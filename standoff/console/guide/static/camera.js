@@ -114,9 +114,9 @@ export class Camera {
     if (this.roundMs > SLOW_MS) {
       if (this.quality > 0.35) this.quality -= 0.05;
       else this.longest = SMALLER_PX;
-    } else if (this.roundMs < FAST_MS) {
-      if (this.longest < LONGEST_PX) this.longest = LONGEST_PX;
-      else if (this.quality < 0.7) this.quality += 0.02;
+    } else if (this.roundMs < FAST_MS && this.quality < 0.7) {
+      this.quality += 0.02;
+      if (this.quality > 0.5) this.longest = LONGEST_PX;
     }
   }
 

@@ -56,7 +56,7 @@ function show({ found, fault: text, lost }) {
     const sign = document.createElement("span");
     [sign.className, sign.textContent] = ["sign", SIGNS[name]];
     sign.setAttribute("aria-hidden", "true");
-    item.append(sign, words);
+    item.append(sign, words.replace(" %", "\u00a0%"));
     return item;
   }));
   say(found);
