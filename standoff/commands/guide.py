@@ -62,9 +62,7 @@ def guide(
     curve_contrast_dn: Use the curve for this contrast in DN.
     """
     if any(find_spec(name) is None for name in ("starlette", "uvicorn", "cryptography", "segno")):
-        raise ApplicationError(
-            "the guide is not installed: pip install 'standoff[console]', or make setup"
-        )
+        raise ApplicationError("the guide is not installed: pip install 'standoff[console]'")
     from standoff.console import is_loopback_host, open_socket, serve
     from standoff.console.guide import (
         ComparisonInputs,
@@ -106,19 +104,13 @@ def guide(
                 document = {"url": url, "entry": entry, "fingerprint": certificate.fingerprint}
                 typer.echo(json.dumps(document))
             else:
+                terminal.say(qr_text(entry), *_how_to_pair(entry, certificate.fingerprint))
                 reached = (
                     "this computer alone"
                     if is_loopback_host(address)
                     else "every device of the network that has the code"
                 )
-                terminal.say(
-                    qr_text(entry),
-                    f"Scan the code with the phone, or open {entry}",
-                    "The phone warns once of a certificate that it does not know: show the "
-                    "details and go on.",
-                    f"SHA-256 of the certificate: {certificate.fingerprint}",
-                    f"Served to {reached}; photographs go to {out}; Ctrl-C ends.",
-                )
+                terminal.say(f"Served to {reached}; photographs go to {out}; Ctrl-C ends.")
             sys.stdout.flush()
 
         app = guide_app(
@@ -129,3 +121,11 @@ def guide(
             serve(app, bound, ready=ready, tls=certificate.context)
         finally:
             store.close()
+
+
+def _how_to_pair(entry: str, fingerprint: str) -> tuple[str, ...]:
+    return (
+        f"Scan the code with the phone, or open {entry}",
+        "The phone warns once of a certificate that it does not know: show the details and go on.",
+        f"SHA-256 of the certificate: {fingerprint}",
+    )

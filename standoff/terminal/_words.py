@@ -102,7 +102,7 @@ _WORDS = {
     "export": "convert save ome-tiff ome-zarr nexus hdf5 zarr",
     "report": "html pdf summary protocol",
     "console": "gui ui web server serve browser dashboard operator start",
-    "guide": "phone mobile smartphone follow-up live qr browser camera guidance",
+    "guide": "phone mobile smartphone qr guidance",
     "mock": "simulator emulator fake practice simulated-bench virtual",
     "doctor": "check diagnose diagnostics selftest self-test health test troubleshoot setup info",
     "cameras": "camera discover list-cameras gige arv-tool devices ls list",

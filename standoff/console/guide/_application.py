@@ -124,6 +124,8 @@ class _Pages:
             found = await self._live.judged(data)
         except FrameError as error:
             raise HTTPException(422, str(error)) from error
+        except asyncio.CancelledError as error:  # Ctrl-C while a frame is judged
+            raise HTTPException(503, "the guide has ended") from error
         finally:
             self._frames -= 1
         return JSONResponse({"passed_over": True} if found is None else found.to_json())

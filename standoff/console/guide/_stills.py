@@ -74,6 +74,8 @@ class StillRecord:
     ----------
     name
         Of its session.
+    reference
+        Name of the file of its reference.
     sha256
         Of the file as the phone sent it.
     state
@@ -89,6 +91,7 @@ class StillRecord:
     """
 
     name: str
+    reference: str
     sha256: str
     state: State = "waiting"
     words: str = ""
@@ -114,7 +117,11 @@ class StillStore:
         self._judge = judge
         self._inputs = inputs
         self._follower = PoseFollower(judge.reference.levels)
-        self._records = {record.name: record for record in _stored(folder)}
+        self._records = {
+            record.name: record
+            for record in _stored(folder)
+            if record.reference == judge.reference.path.name
+        }
         self._lock = Lock()
         self._queue: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
         self._thread = Thread(target=self._run, name="stills", daemon=True)
@@ -143,9 +150,7 @@ class StillStore:
 
     def take(self, path: Path, *, is_location_removed: bool) -> StillRecord:
         """Queue a still that has arrived whole, under its hash as its name."""
-        record = StillRecord(
-            name=_session_name(path), sha256=path.name, words="The photograph has arrived."
-        )
+        record = replace(self._begun(path), words="The photograph has arrived.")
         self._publish(record)
         self._queue.put(partial(self.process, path, is_location_removed=is_location_removed))
         return record
@@ -165,7 +170,7 @@ class StillStore:
 
     def process(self, path: Path, *, is_location_removed: bool) -> StillRecord:
         """Store, judge and compare one still; what goes wrong is in its record."""
-        record = StillRecord(name=_session_name(path), sha256=path.name)
+        record = self._begun(path)
         try:
             session = self._session_of(path, record, is_location_removed=is_location_removed)
             record = self._posed(session, record)
@@ -271,15 +276,18 @@ class StillStore:
             better=(*record.better, *_better(summary)),
         )
 
+    def _begun(self, path: Path) -> StillRecord:
+        """A still that arrived as this file, named by its hash: when, and the hash's beginning."""
+        arrived = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+        return StillRecord(
+            name=f"{arrived:%Y%m%d-%H%M%S}-{path.name[:8]}",
+            reference=self._judge.reference.path.name,
+            sha256=path.name,
+        )
+
     def _publish(self, record: StillRecord) -> None:
         with self._lock:
             self._records[record.name] = record
-
-
-def _session_name(path: Path) -> str:
-    """Name of the session of an upload: when it had arrived, and the beginning of its hash."""
-    arrived = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-    return f"{arrived:%Y%m%d-%H%M%S}-{path.name[:8]}"
 
 
 def _require_still(data: bytes) -> None:
@@ -320,7 +328,8 @@ def _listed(change: Change, size: tuple[int, int], orientation: int | None) -> d
         "area_px": change.area_px,
         "amplitude_dn": change.amplitude_dn,
         "significance": change.significance,
-        "words": "brighter" if change.amplitude_dn > 0 else "darker",
+        "what": change.what,
+        "side": "brighter" if change.amplitude_dn > 0 else "darker",
     }
 
 

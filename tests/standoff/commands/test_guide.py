@@ -16,7 +16,8 @@ from analysis.detectability._curves import DetectabilityCurves
 from analysis.results_file import write_results
 from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command
-from tests.standoff.console.guide.conftest import Stills, stills as stills
+from tests.standoff.console.guide.conftest import stills as stills
+from tests.standoff.console.guide.scenes import Stills
 from tests.standoff.console.processes import first_line, standoff_process
 
 HERE = ("--host", "127.0.0.1", "--port", 0)

@@ -244,15 +244,16 @@ function listChanges(blink, changes) {
   }));
 }
 
-function said({ words, amplitude_dn: amplitude, area_px: area, x, y }) {
+function said({ what, side, amplitude_dn: amplitude, area_px: area, x, y }) {
   const where = `${Math.round(100 * x)} % from the left, ${Math.round(100 * y)} % from the top`;
-  return `${words} by ${Math.abs(amplitude).toPrecision(2)} DN, ${Math.max(1, Math.round(area))} px, ${where}`;
+  const named = what && what !== side ? `${what}, ${side}` : side;
+  return `${named} by ${Math.abs(amplitude).toPrecision(2)} DN, ${Math.max(1, Math.round(area))} px, ${where}`;
 }
 
 function ring(marks, changes, aspect) {
   marks.replaceChildren(...changes.map((change) => {
     const made = document.createElementNS("http://www.w3.org/2000/svg", "ellipse");
-    const facts = { cx: change.x, cy: change.y, rx: change.radius, ry: change.radius * aspect, class: change.words };
+    const facts = { cx: change.x, cy: change.y, rx: change.radius, ry: change.radius * aspect, class: change.side };
     for (const [name, value] of Object.entries(facts)) made.setAttribute(name, value);
     return made;
   }));

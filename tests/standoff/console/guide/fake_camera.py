@@ -29,3 +29,12 @@ def write_film(path: Path, wall: Wall, shares: list[float]) -> None:
         for share in shares:
             levels = wall.seen([pose_at(share)], rng)
             film.write(REPEATED * cv2.imencode(".jpg", levels, _JPEG)[1].tobytes())
+
+
+def camera_options(film: Path) -> tuple[str, ...]:
+    """Options of Chromium: its camera plays a film, and pages may use it."""
+    return (
+        "--use-fake-ui-for-media-stream",
+        "--use-fake-device-for-media-stream",
+        f"--use-file-for-fake-video-capture={film}",
+    )

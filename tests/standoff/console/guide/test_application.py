@@ -20,7 +20,7 @@ from standoff.console.guide import (
 )
 from standoff.console.guide._live import MOST_FRAME_BYTES
 from standoff.console.guide._uploads import PART_BYTES
-from tests.standoff.console.guide.conftest import Stills
+from tests.standoff.console.guide.scenes import Stills
 from tests.standoff.console.guide.serving import TOKEN, served_guide, trusting
 
 pytestmark = pytest.mark.slow

@@ -17,7 +17,7 @@ from benchmarks.truth.hand_held import HeldPose
 from calibration.errors import CalibrationError
 from standoff.console.guide import GuideReference, Judge, LiveGuidance
 from standoff.console.guide._live import FrameError, decoded_frame
-from tests.standoff.console.guide.conftest import Stills, again_pose, wall
+from tests.standoff.console.guide.scenes import Stills, again_pose, wall
 
 pytestmark = pytest.mark.slow
 

@@ -19,8 +19,8 @@ from playwright.sync_api import Browser, Page, Request, Route, sync_playwright
 import standoff
 from tests.standoff.console.chromium.pages import PHONE
 from tests.standoff.console.console_rig import CHROMIUM_OPTIONS, chromium_path, wait_until
-from tests.standoff.console.guide.conftest import Stills, wall
-from tests.standoff.console.guide.fake_camera import SIZE, write_film
+from tests.standoff.console.guide.fake_camera import SIZE, camera_options, write_film
+from tests.standoff.console.guide.scenes import Stills, wall
 from tests.standoff.console.guide.serving import ServedGuide, served_guide
 from tests.standoff.console.hub_fixtures import DEADLINE_S
 
@@ -33,13 +33,8 @@ APPROACH = [*np.linspace(0.2, 1, 20), *[1.0] * 40]
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     film = tmp_path_factory.mktemp("film") / "approach.mjpeg"
     write_film(film, wall().resized(SIZE), APPROACH)
-    camera = (
-        "--use-fake-ui-for-media-stream",
-        "--use-fake-device-for-media-stream",
-        f"--use-file-for-fake-video-capture={film}",
-    )
     with sync_playwright() as playwright:
-        options = [*CHROMIUM_OPTIONS, *camera]
+        options = [*CHROMIUM_OPTIONS, *camera_options(film)]
         opened = playwright.chromium.launch(executable_path=chromium_path(), args=options)
         yield opened
         opened.close()

@@ -14,7 +14,7 @@ from analysis.errors import AnalysisError
 from standoff.console.guide import ComparisonInputs, GuideReference, Judge, StillStore
 from standoff.console.guide._reference import UprightView, upright
 from standoff.console.guide._stills import StillRecord
-from tests.standoff.console.guide.conftest import SIZE, Stills
+from tests.standoff.console.guide.scenes import SIZE, Stills
 
 pytestmark = pytest.mark.slow
 
@@ -56,7 +56,7 @@ def test_a_still_becomes_a_session_with_its_pose_and_its_changes(
     assert "pose: go" in notes
     # The one change of the fixture: 16 x 16 of 800 x 600 px, 8 px right and 48 px below the middle.
     change = record.changes[0]
-    assert change["words"] == "brighter"
+    assert change["side"] == "brighter"
     assert change["x"] == pytest.approx(0.5 + 48 / 727 - 0.0096, abs=0.01)
     assert change["y"] == pytest.approx(0.5 + 48 / 545, abs=0.01)
     for name in ("before.jpg", "after.jpg"):
