@@ -14,9 +14,8 @@ from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.studies.guided_hand import FOCAL_PER_SIDE, reference_of, scene_levels
 from benchmarks.truth.hand_held import HeldPose, Wall
-from tests.standoff.console.chromium.pages import PHONE
 from tests.standoff.console.console_rig import CHROMIUM_OPTIONS, chromium_path
-from tests.standoff.console.guide.fake_camera import SIZE, camera_options, write_film
+from tests.standoff.console.guide.fake_camera import SCREEN, SIZE, camera_options, write_film
 from tests.standoff.console.guide.serving import served_guide
 
 SCENE = "coffee"
@@ -47,7 +46,7 @@ def main() -> None:
             args=[*CHROMIUM_OPTIONS, *camera_options(folder / "approach.mjpeg")],
         )
         with served_guide(reference, folder / "guided") as guide:
-            page = browser.new_page(viewport=PHONE, ignore_https_errors=True)
+            page = browser.new_page(**SCREEN)
             page.set_default_timeout(300_000)
             page.goto(guide.entry)
             screens = [_screen(page)]

@@ -17,9 +17,8 @@ from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.hand_held import HeldPose
-from tests.standoff.console.chromium.pages import PHONE
 from tests.standoff.console.console_rig import CHROMIUM_OPTIONS, chromium_path
-from tests.standoff.console.guide.fake_camera import SIZE, camera_options, write_film
+from tests.standoff.console.guide.fake_camera import SCREEN, SIZE, camera_options, write_film
 from tests.standoff.console.guide.scenes import save, wall
 from tests.standoff.console.guide.serving import served_guide
 
@@ -82,9 +81,7 @@ def main(record: Recorder, *, seconds: Annotated[float, "of each measurement"] =
         )
         for name, conditions in LINKS.items():
             with served_guide(reference, Path(folder) / "guided") as guide:
-                context = browser.new_context(
-                    viewport=PHONE, has_touch=True, is_mobile=True, ignore_https_errors=True
-                )
+                context = browser.new_context(**SCREEN)
                 page = context.new_page()
                 page.goto(guide.entry)
                 _slow(page, conditions)

@@ -5,17 +5,23 @@ from __future__ import annotations
 import json
 import secrets
 import sys
+from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import BadParameter, Option
 
 from acquisition.files import require_folder
+from acquisition.photographs import image_files_in
 from analysis.choices import CurveObserver
 from standoff import library, terminal
 from standoff.errors import ApplicationError
+
+if TYPE_CHECKING:
+    from analysis.detectability import DetectabilityCurve
+    from standoff.console.guide import ComparisonInputs, GuidedReference
 
 DEFAULT_PORT = 8471
 RECEIVE_BYTES = 512 * 1024
@@ -47,7 +53,8 @@ def guide(
 
     Options
     -------
-    reference: The earlier photograph.
+    reference: The earlier photograph, or a folder of several: one is then chosen by what the camera
+        sees, or from a list.
     out: Folder for the photographs of the phone, each a capture session with its results.
     psf: psf.json of the phone's camera, for the comparison; without it the blur between the
         photographs is fitted.
@@ -66,9 +73,6 @@ def guide(
     from standoff.console import is_loopback_host, open_socket, serve
     from standoff.console.guide import (
         ComparisonInputs,
-        GuideReference,
-        Judge,
-        StillStore,
         guide_app,
         made_certificate,
         network_address,
@@ -84,7 +88,7 @@ def guide(
         curve = library.given_curve(curves, min_dprime, choice, focus_scatter_px2)
     inputs = ComparisonInputs(psf=psf, noise=noise)
     inputs.check()
-    judge = Judge(GuideReference.read(reference), curve, min_dprime)
+    guided = _guided(reference, out, inputs, curve, min_dprime)
     address = host or network_address()
     if address is None:
         raise BadParameter(
@@ -93,7 +97,6 @@ def guide(
         )
     token = secrets.token_urlsafe(16)
     certificate = made_certificate(address)
-    store = StillStore(out, judge, inputs)
     with open_socket(address, port, RECEIVE_BYTES) as bound:
         shown = f"[{address}]" if ":" in address else address
         url = f"https://{shown}:{bound.getsockname()[1]}/"
@@ -114,13 +117,41 @@ def guide(
             sys.stdout.flush()
 
         app = guide_app(
-            store, judge, token=token, fingerprint=certificate.fingerprint, tell=terminal.note
+            guided, token=token, fingerprint=certificate.fingerprint, tell=terminal.note
         )
-        store.start()
+        for one in guided:
+            one.store.start()
         try:
             serve(app, bound, ready=ready, tls=certificate.context)
         finally:
-            store.close()
+            for one in guided:
+                one.store.close()
+
+
+def _guided(
+    reference: Path,
+    out: Path,
+    inputs: ComparisonInputs,
+    curve: DetectabilityCurve | None,
+    min_dprime: float,
+) -> list[GuidedReference]:
+    """Read a reference, or those in a folder, of which each has a folder for its photographs."""
+    from standoff.console.guide import GuidedReference, GuideReference, Judge, StillStore
+
+    paths = image_files_in(reference) if reference.is_dir() else [reference]
+    if not paths:
+        raise ApplicationError(f"{reference}: the folder holds no image")
+    twice = [stem for stem, count in Counter(path.stem for path in paths).items() if count > 1]
+    if twice:
+        raise ApplicationError(f"two references are named {twice[0]}; rename one of them")
+    guided = []
+    with terminal.ShownProgress().bar("reading references", len(paths)) as advance_to:
+        for done, path in enumerate(paths, start=1):
+            judge = Judge(GuideReference.read(path), curve, min_dprime)
+            folder = out / path.stem if len(paths) > 1 else out
+            guided.append(GuidedReference.of(judge, StillStore(folder, judge, inputs)))
+            advance_to(done)
+    return guided
 
 
 def _how_to_pair(entry: str, fingerprint: str) -> tuple[str, ...]:

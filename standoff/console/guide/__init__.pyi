@@ -1,4 +1,4 @@
-from ._application import guide_app as guide_app
+from ._application import GuidedReference as GuidedReference, guide_app as guide_app
 from ._assessment import Judge as Judge
 from ._certificate import Certificate as Certificate, made_certificate as made_certificate
 from ._live import LiveGuidance as LiveGuidance

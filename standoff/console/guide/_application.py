@@ -1,7 +1,9 @@
 """The guide's page and what it sends: frames to be judged, stills in parts, and what is asked."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,24 +33,45 @@ OPEN_PATHS = ("/login", "/static/guide.css")
 FRAMES_WAITING = 4
 """Frames that are on their way at one time; a phone sends two."""
 
+TRIED_AT_ONCE = 3
+"""References that a frame is compared with to find out which of them it shows."""
+
 WORK_WAITING = 32
 """Requests other than frames that are served at one time."""
 
 
+@dataclass(frozen=True, slots=True)
+class GuidedReference:
+    """A reference with all that is done with it; whoever serves it starts and closes the store."""
+
+    judge: Judge
+    store: StillStore
+    live: LiveGuidance
+
+    @classmethod
+    def of(cls, judge: Judge, store: StillStore) -> "GuidedReference":
+        """Return a reference that is ready to be guided to."""
+        return cls(judge, store, LiveGuidance(judge))
+
+    @property
+    def name(self) -> str:
+        """Name of its file, by which the page asks for it."""
+        return self.judge.reference.path.name
+
+
 def guide_app(
-    store: StillStore,
-    judge: Judge,
+    references: Sequence[GuidedReference],
     *,
     token: str,
     fingerprint: str,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Starlette:
-    """Return the web application; whoever serves it starts and closes the store.
+    """Return the web application for one reference or several, of different names.
 
     ``fingerprint`` is the certificate's, ``tell`` is told who was let in and who guesses the token.
     """
     access = Access(token)
-    pages = _Pages(store, judge, access, fingerprint)
+    pages = _Pages(references, access, fingerprint)
     entrance = Entrance(
         access,
         pages.refusal,
@@ -61,6 +84,7 @@ def guide_app(
             Route("/login", entrance.login, methods=["GET", "POST"]),
             Route("/reference.jpg", pages.reference),
             Route("/frames", pages.frame, methods=["POST"]),
+            Route("/find", pages.find, methods=["POST"]),
             Route("/stills", pages.stills),
             Route("/stills", pages.announce, methods=["POST"]),
             Route("/stills/{sha256}", pages.part, methods=["PUT"]),
@@ -79,12 +103,13 @@ def guide_app(
 class _Pages:
     """Answers the phone; what takes time is done in threads."""
 
-    def __init__(self, store: StillStore, judge: Judge, access: Access, fingerprint: str) -> None:
-        self._store = store
-        self._judge = judge
+    def __init__(
+        self, references: Sequence[GuidedReference], access: Access, fingerprint: str
+    ) -> None:
+        self._references = {one.name: one for one in references}
+        self._next = 0
         self._access = access
         self._fingerprint = fingerprint
-        self._live = LiveGuidance(judge)
         self._frames = 0
         self._working = 0
         self._templates = Environment(
@@ -95,52 +120,100 @@ class _Pages:
             lstrip_blocks=True,
         )
 
-    async def page(self, _: Request) -> Response:
-        reference = self._judge.reference
+    async def page(self, request: Request) -> Response:
+        """The page of a reference, or the list of them where there are several."""
+        if len(self._references) > 1 and "of" not in request.query_params:
+            template = self._templates.get_template("references.html")
+            return HTMLResponse(template.render(references=self._listed()))
+        one = self._of(request)
+        reference = one.judge.reference
         template = self._templates.get_template("guide.html")
         return HTMLResponse(
             template.render(
-                reference=reference.path.name,
+                reference=one.name,
                 width=reference.size[0],
                 height=reference.size[1],
                 fingerprint=self._fingerprint,
-                judged_by="" if self._judge.has_curve else WITHOUT_CURVES,
+                judged_by="" if one.judge.has_curve else WITHOUT_CURVES,
+                is_one_of_several=len(self._references) > 1,
             )
         )
 
-    async def reference(self, _: Request) -> Response:
-        return Response(self._judge.reference.jpeg, media_type="image/jpeg")
+    async def reference(self, request: Request) -> Response:
+        return Response(self._of(request).judge.reference.jpeg, media_type="image/jpeg")
 
     async def frame(self, request: Request) -> Response:
         """Judge the newest frame; one that was overtaken is answered without a verdict."""
         self._require_own_page(request)
+        live = self._of(request).live
+        async with self._one_frame():
+            data = await self._body(request, MOST_FRAME_BYTES)
+            found = await live.judged(data)
+        return JSONResponse({"passed_over": True} if found is None else found.to_json())
+
+    async def find(self, request: Request) -> Response:
+        """Name the reference whose scene a frame shows; a few are tried with each frame."""
+        self._require_own_page(request)
+        async with self._one_frame():
+            data = await self._body(request, MOST_FRAME_BYTES)
+            names = list(self._references)
+            tried = [names[(self._next + k) % len(names)] for k in range(TRIED_AT_ONCE)]
+            self._next = (self._next + TRIED_AT_ONCE) % len(names)
+            for name in dict.fromkeys(tried):
+                found = await self._references[name].live.judged(data)
+                if found is not None and found.deviation is not None:
+                    return JSONResponse({"of": name})
+        return JSONResponse({"of": None})
+
+    @asynccontextmanager
+    async def _one_frame(self) -> AsyncIterator[None]:
+        """Let a few frames in at a time, and say what is wrong with one."""
         if self._frames >= FRAMES_WAITING:
             raise HTTPException(
                 429, "frames come faster than they are judged", {"Retry-After": "1"}
             )
         self._frames += 1
         try:
-            data = await self._body(request, MOST_FRAME_BYTES)
-            found = await self._live.judged(data)
+            yield
         except FrameError as error:
             raise HTTPException(422, str(error)) from error
         except asyncio.CancelledError as error:  # Ctrl-C while a frame is judged
             raise HTTPException(503, "the guide has ended") from error
         finally:
             self._frames -= 1
-        return JSONResponse({"passed_over": True} if found is None else found.to_json())
 
-    async def stills(self, _: Request) -> Response:
+    def _of(self, request: Request) -> GuidedReference:
+        """The reference that is asked for; the only one needs no name."""
+        if len(self._references) == 1:
+            return next(iter(self._references.values()))
+        found = self._references.get(_text(request, "of"))
+        if found is None:
+            raise HTTPException(404, "there is no such reference")
+        return found
+
+    def _listed(self) -> list[dict[str, Any]]:
+        """Each reference, with the number of its stills and the verdict on the newest."""
+        listed = []
+        for one in self._references.values():
+            records = one.store.records()
+            pose = records[0].pose if records else None
+            verdict = "" if pose is None else pose["verdict"]
+            listed.append({"name": one.name, "stills": len(records), "verdict": verdict})
+        return listed
+
+    async def stills(self, request: Request) -> Response:
         """What is known of every still, the newest first."""
-        return JSONResponse([record.to_json() for record in self._store.records()])
+        records = self._of(request).store.records()
+        return JSONResponse([record.to_json() for record in records])
 
     async def announce(self, request: Request) -> Response:
         """Say where a still goes on: 0 for a new one, its size for one that is stored."""
         self._require_own_page(request)
         sha256, size = _text(request, "sha256"), _number(request, "bytes")
-        if self._store.record_of(sha256) is not None:
+        store = self._of(request).store
+        if store.record_of(sha256) is not None:
             return JSONResponse({"received": size, "is_stored": True})
-        found = await self._in_thread(partial(self._store.uploads.begin, sha256, size))
+        found = await self._in_thread(partial(store.uploads.begin, sha256, size))
         return JSONResponse({"received": found.received, "is_stored": False})
 
     async def part(self, request: Request) -> Response:
@@ -149,17 +222,18 @@ class _Pages:
         data = await self._body(request, PART_BYTES)
         sha256 = request.path_params["sha256"]
         offset, size = _number(request, "offset"), _number(request, "bytes")
-        add = partial(self._store.uploads.add, sha256, offset, data, size)
+        store = self._of(request).store
+        add = partial(store.uploads.add, sha256, offset, data, size)
         found = await self._in_thread(add)
         if found.path is None:
             return JSONResponse({"received": found.received, "is_stored": False})
         is_removed = _text(request, "location") == "remove"
-        record = self._store.take(found.path, is_location_removed=is_removed)
+        record = store.take(found.path, is_location_removed=is_removed)
         return JSONResponse({"received": found.received, "is_stored": True, "name": record.name})
 
     async def picture(self, request: Request) -> Response:
         parameters = request.path_params
-        read = partial(self._store.picture, parameters["name"], parameters["which"])
+        read = partial(self._of(request).store.picture, parameters["name"], parameters["which"])
         data = await self._in_thread(read)
         if data is None:
             raise HTTPException(404, "there is no such picture")

@@ -1,6 +1,7 @@
 """``standoff guide`` as a command: what is refused, what is printed, the end."""
 
 import json
+import shutil
 import signal
 import socket
 import ssl
@@ -87,6 +88,21 @@ def test_a_reference_that_cannot_be_read_is_an_error_in_one_line(
     err = command.refused(1, "guide", tmp_path / "none.jpg", *HERE)
     assert "none.jpg" in err
     assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_a_folder_of_references_is_served_as_one(
+    command: Command, served: list[ssl.SSLContext], stills: Stills, tmp_path: Path
+) -> None:
+    folder = tmp_path / "references"
+    folder.mkdir()
+    assert "holds no image" in command.refused(1, "guide", folder, *HERE)
+    shutil.copy(stills.reference, folder / "mole.jpg")
+    shutil.copy(stills.other, folder / "bridge.jpg")
+    command.done("guide", folder, *HERE, "--out", tmp_path / "out")
+    assert len(served) == 1
+    shutil.copy(stills.other, folder / "mole.jpeg")
+    assert "two references are named mole" in command.refused(1, "guide", folder, *HERE)
 
 
 def test_without_its_extra_the_guide_says_how_to_get_it(

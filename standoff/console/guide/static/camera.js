@@ -14,9 +14,11 @@ const area = (width, height, longest) => {
 };
 
 export class Camera {
-  constructor(video, show) {
+  // Frames are sent to `path`; `show` is called with what is answered.
+  constructor(video, show, path) {
     this.video = video;
     this.show = show;
+    this.path = path;
     this.quality = 0.6;
     this.longest = LONGEST_PX;
     this.inFlight = 0;
@@ -84,7 +86,7 @@ export class Camera {
   async ask(blob, takenMs, number) {
     let answer;
     try {
-      answer = await fetch("/frames", { method: "POST", body: blob });
+      answer = await fetch(this.path, { method: "POST", body: blob });
     } catch {
       this.show({ lost: true });
       await new Promise((resolve) => setTimeout(resolve, 500));

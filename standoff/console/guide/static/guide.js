@@ -3,6 +3,7 @@
 import { Camera } from "./camera.js";
 import { keep, sendWaiting } from "./uploads.js";
 
+const OF = `of=${encodeURIComponent(document.body.dataset.of)}`;
 const $ = (id) => document.getElementById(id);
 const SIGNS = {
   nearer: "⊕", further: "⊖", left: "←", right: "→", up: "↑", down: "↓",
@@ -22,7 +23,7 @@ function fault(text) {
 // ---- The camera
 
 const picture = new Image();
-picture.src = "/reference.jpg";
+picture.src = `/reference.jpg?${OF}`;
 let camera = null;
 let spokenMs = 0;
 let spoken = "";
@@ -117,7 +118,7 @@ async function openCamera() {
     fault("This browser gives pages no camera. Take a photograph with the button below instead.");
     return;
   }
-  camera = new Camera($("video"), show);
+  camera = new Camera($("video"), show, `/frames?${OF}`);
   window.guide = camera;
   $("live").hidden = false;
   $("start").hidden = true;
@@ -150,7 +151,8 @@ function sent({ share, words, fault: text, done }) {
 
 async function send(blob) {
   $("sending").hidden = false;
-  await keep(blob, $("remove-location").checked ? "remove" : "keep");
+  const location = $("remove-location").checked ? "remove" : "keep";
+  await keep(blob, { location, of: document.body.dataset.of });
   await sendWaiting(sent);
 }
 
@@ -216,8 +218,8 @@ function fill(card, still) {
   const blink = card.querySelector(".blink");
   if (still.state === "done" && blink.hidden) {
     blink.hidden = false;
-    blink.querySelector(".after").src = `/stills/${still.name}/after.jpg`;
-    blink.querySelector(".before").src = `/stills/${still.name}/before.jpg`;
+    blink.querySelector(".after").src = `/stills/${still.name}/after.jpg?${OF}`;
+    blink.querySelector(".before").src = `/stills/${still.name}/before.jpg?${OF}`;
     const after = blink.querySelector(".after");
     after.addEventListener("load", () => ring(blink.querySelector(".marks"), still.changes, after.naturalWidth / after.naturalHeight), { once: true });
     listChanges(blink, still.changes);
@@ -260,7 +262,7 @@ function ring(marks, changes, aspect) {
 }
 
 async function list() {
-  const answer = await fetch("/stills").catch(() => null);
+  const answer = await fetch(`/stills?${OF}`).catch(() => null);
   if (!answer?.ok) return;
   const stills = await answer.json();
   $("no-stills").hidden = stills.length > 0;

@@ -28,13 +28,13 @@ async function asked(path, options) {
   const answer = await fetch(path, options);
   const document = await answer.json().catch(() => ({}));
   if (answer.ok) return document;
-  if (answer.status === 422 || answer.status === 413) throw new Refused(document.text);
+  if ([404, 413, 422].includes(answer.status)) throw new Refused(document.text);
   throw new Error(document.text || `the computer answers ${answer.status}`);
 }
 
 async function send(waiting, progress) {
-  const { sha256, bytes, location } = waiting;
-  const facts = `bytes=${bytes.byteLength}&location=${location}`;
+  const { sha256, bytes, location, of } = waiting;
+  const facts = `bytes=${bytes.byteLength}&location=${location}&of=${encodeURIComponent(of)}`;
   let { received, is_stored } = await asked(`/stills?sha256=${sha256}&${facts}`, { method: "POST" });
   while (!is_stored) {
     progress(received / bytes.byteLength);
@@ -71,10 +71,10 @@ export function sendWaiting(tell) {
   return running;
 }
 
-// Keep a photograph (a Blob) in the phone, to be sent.
-export async function keep(blob, location) {
+// Keep a photograph (a Blob) in the phone, to be sent: of which reference, with its location or not.
+export async function keep(blob, facts) {
   const bytes = await blob.arrayBuffer();
   const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes));
   const sha256 = Array.from(digest, (value) => value.toString(16).padStart(2, "0")).join("");
-  await stored("readwrite", (store) => store.put({ sha256, bytes, location }));
+  await stored("readwrite", (store) => store.put({ sha256, bytes, ...facts }));
 }

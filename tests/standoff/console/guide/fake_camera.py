@@ -1,6 +1,7 @@
 """A film for Chromium's fake camera: an approach to where a reference was taken, then a rest."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,6 +10,12 @@ from scipy.spatial.transform import Rotation
 from benchmarks.truth.hand_held import HeldPose, Wall
 
 SIZE = (640, 480)
+SCREEN: dict[str, Any] = {
+    "viewport": {"width": 390, "height": 844},
+    "has_touch": True,
+    "is_mobile": True,
+    "ignore_https_errors": True,
+}
 REPEATED = 3
 """Chromium plays a film of JPEG pictures at 30 a second."""
 

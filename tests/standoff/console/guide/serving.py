@@ -11,6 +11,7 @@ from threading import Thread
 from standoff.console.guide import (
     Certificate,
     ComparisonInputs,
+    GuidedReference,
     GuideReference,
     Judge,
     StillStore,
@@ -39,27 +40,32 @@ class ServedGuide:
 
 
 @contextmanager
-def served_guide(reference: Path, folder: Path) -> Iterator[ServedGuide]:
-    judge = Judge(GuideReference.read(reference))
-    store = StillStore(folder, judge, ComparisonInputs())
+def served_guide(reference: Path, folder: Path, *others: Path) -> Iterator[ServedGuide]:
+    """Serve one reference, or several; the store is that of the first."""
+    guided = []
+    for path in (reference, *others):
+        judge = Judge(GuideReference.read(path))
+        store = StillStore(folder / path.stem, judge, ComparisonInputs())
+        guided.append(GuidedReference.of(judge, store))
     certificate = made_certificate("127.0.0.1")
     told: list[str] = []
-    app = guide_app(
-        store, judge, token=TOKEN, fingerprint=certificate.fingerprint, tell=told.append
-    )
+    fingerprint = certificate.fingerprint
+    app = guide_app(guided, token=TOKEN, fingerprint=fingerprint, tell=told.append)
     server = server_of(app, certificate.context)
-    store.start()
+    for one in guided:
+        one.store.start()
     with open_socket("127.0.0.1", 0) as bound:
         thread = Thread(target=lambda: asyncio.run(server.serve(sockets=[bound])))
         thread.start()
         try:
             wait_for(lambda: server.started, "the server")
             url = f"https://127.0.0.1:{bound.getsockname()[1]}/"
-            yield ServedGuide(url=url, certificate=certificate, store=store, told=told)
+            yield ServedGuide(url=url, certificate=certificate, store=guided[0].store, told=told)
         finally:
             server.should_exit = True
             thread.join()
-            store.close()
+            for one in guided:
+                one.store.close()
 
 
 def trusting() -> ssl.SSLContext:

@@ -7,11 +7,14 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from benchmarks.truth.hand_held import HeldPose
 from standoff.console.guide import (
     ComparisonInputs,
+    GuidedReference,
     GuideReference,
     Judge,
     StillStore,
@@ -20,7 +23,7 @@ from standoff.console.guide import (
 )
 from standoff.console.guide._live import MOST_FRAME_BYTES
 from standoff.console.guide._uploads import PART_BYTES
-from tests.standoff.console.guide.scenes import Stills
+from tests.standoff.console.guide.scenes import Stills, save, wall
 from tests.standoff.console.guide.serving import TOKEN, served_guide, trusting
 
 pytestmark = pytest.mark.slow
@@ -29,6 +32,7 @@ HOST = "https://phone.test"
 OWN = {"Origin": HOST}
 ASKED = [
     ("GET", "/"), ("GET", "/reference.jpg"), ("GET", "/stills"), ("POST", "/frames"),
+    ("POST", "/find"),
     ("POST", f"/stills?sha256={'0' * 64}&bytes=1"), ("PUT", f"/stills/{'0' * 64}?offset=0&bytes=1"),
     ("GET", "/stills/any/after.jpg"), ("GET", "/static/guide.js"),
 ]  # fmt: skip
@@ -42,7 +46,10 @@ class Guide:
         self.store = StillStore(folder, judge, ComparisonInputs())
         self.told: list[str] = []
         self.app = guide_app(
-            self.store, judge, token=TOKEN, fingerprint="AB:CD", tell=self.told.append
+            [GuidedReference.of(judge, self.store)],
+            token=TOKEN,
+            fingerprint="AB:CD",
+            tell=self.told.append,
         )
         self.stranger = TestClient(self.app, base_url=HOST, client=("192.0.2.9", 1))
         self.phone = TestClient(self.app, base_url=HOST, client=("192.0.2.7", 1))
@@ -121,8 +128,12 @@ def test_a_frame_is_judged_and_what_is_none_is_refused_in_words(
 def test_a_still_is_sent_in_parts_and_goes_on_where_it_was(guide: Guide, stills: Stills) -> None:
     data = stills.again.read_bytes()
     sha256 = hashlib.sha256(data).hexdigest()
-    facts = {"sha256": sha256, "bytes": len(data), "location": "keep"}
-    ask = lambda: guide.phone.post("/stills", headers=OWN, params=facts).json()  # noqa: E731
+    facts: dict[str, str | int] = {"sha256": sha256, "bytes": len(data), "location": "keep"}
+
+    def ask() -> dict[str, object]:
+        answer: dict[str, object] = guide.phone.post("/stills", headers=OWN, params=facts).json()
+        return answer
+
     assert ask() == {"received": 0, "is_stored": False}
     half = len(data) // 2
     for offset, part in ((0, data[:half]), (half, data[half:])):
@@ -143,6 +154,59 @@ def test_what_is_no_announcement_is_refused_in_words(guide: Guide, facts: str) -
     answer = guide.phone.post(f"/stills?{facts}", headers=OWN)
     assert answer.status_code == 422
     assert answer.json()["text"]
+
+
+@pytest.fixture
+def several(stills: Stills, tmp_path: Path) -> Iterator[TestClient]:
+    """A phone that is paired with a guide to four references."""
+    rng = np.random.default_rng(4)
+    guided = []
+    for seed in (11, 12, 13, 1):
+        path = save(wall(seed).seen([HeldPose()], rng), tmp_path / f"wall-{seed}.jpg")
+        judge = Judge(GuideReference.read(path))
+        store = StillStore(tmp_path / "guided" / path.stem, judge, ComparisonInputs())
+        guided.append(GuidedReference.of(judge, store))
+    app = guide_app(guided, token=TOKEN, fingerprint="AB:CD")
+    with TestClient(app, base_url=HOST) as phone:
+        phone.get("/login", params={"token": TOKEN})
+        yield phone
+
+
+def test_of_several_references_the_page_lists_all_and_serves_the_one_asked_for(
+    several: TestClient,
+) -> None:
+    page = several.get("/").text
+    assert all(f"wall-{seed}.jpg" in page for seed in (11, 12, 13, 1))
+    assert "No curves are given" in several.get("/?of=wall-12.jpg").text
+    pictures = {several.get(f"/reference.jpg?of=wall-{seed}.jpg").content for seed in (11, 12)}
+    assert len(pictures) == 2
+    for path in ("/reference.jpg", "/stills?of=none.jpg", "/stills?of=../wall-1.jpg"):
+        assert several.get(path).status_code == 404
+
+
+def test_of_several_references_the_one_that_the_camera_sees_is_named(
+    several: TestClient, stills: Stills
+) -> None:
+    shown = stills.again.read_bytes()  # of wall 1, the last of the list
+    named = [several.post("/find", headers=OWN, content=shown).json()["of"] for _ in range(2)]
+    assert "wall-1.jpg" in named
+    assert set(named) <= {"wall-1.jpg", None}
+    other = stills.other.read_bytes()
+    assert several.post("/find", headers=OWN, content=other).json() == {"of": None}
+
+
+def test_a_still_goes_to_the_reference_it_was_taken_for(
+    several: TestClient, stills: Stills, tmp_path: Path
+) -> None:
+    data = stills.again.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    facts: dict[str, str | int] = {"sha256": sha256, "bytes": len(data), "of": "wall-13.jpg"}
+    several.post("/stills", headers=OWN, params=facts)
+    several.put(f"/stills/{sha256}", headers=OWN, params=facts | {"offset": 0}, content=data)
+    assert len(several.get("/stills?of=wall-13.jpg").json()) == 1
+    assert several.get("/stills?of=wall-1.jpg").json() == []
+    assert "1 photograph" in several.get("/").text
+    assert [path.name for path in (tmp_path / "guided").iterdir()] == ["wall-13"]
 
 
 @pytest.mark.parametrize("path", ["/stills/%2e%2e/after.jpg", "/stills/x/guide.json"])

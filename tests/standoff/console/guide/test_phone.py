@@ -17,9 +17,8 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, Request, Route, sync_playwright
 
 import standoff
-from tests.standoff.console.chromium.pages import PHONE
 from tests.standoff.console.console_rig import CHROMIUM_OPTIONS, chromium_path, wait_until
-from tests.standoff.console.guide.fake_camera import SIZE, camera_options, write_film
+from tests.standoff.console.guide.fake_camera import SCREEN, SIZE, camera_options, write_film
 from tests.standoff.console.guide.scenes import Stills, wall
 from tests.standoff.console.guide.serving import ServedGuide, served_guide
 from tests.standoff.console.hub_fixtures import DEADLINE_S
@@ -50,9 +49,7 @@ def guide(stills: Stills, tmp_path: Path) -> Iterator[ServedGuide]:
 def opened(browser: Browser, guide: ServedGuide, **options: Any) -> Iterator[Page]:
     """A paired phone; a fault in a script of the page fails the test."""
     faults: list[str] = []
-    context = browser.new_context(
-        viewport=PHONE, has_touch=True, is_mobile=True, ignore_https_errors=True, **options
-    )
+    context = browser.new_context(**SCREEN, **options)
     try:
         page = context.new_page()
         page.set_default_timeout(1e3 * DEADLINE_S)
@@ -167,8 +164,30 @@ def test_a_phone_that_sleeps_sends_when_the_page_is_opened_again(
     assert len(guide.store.records()) == 1
 
 
+def test_of_several_references_the_one_that_the_camera_sees_is_opened(
+    browser: Browser, stills: Stills, tmp_path: Path
+) -> None:
+    references = stills.other, stills.reference
+    with served_guide(references[0], tmp_path, *references[1:]) as guide:
+        context = browser.new_context(**SCREEN)
+        try:
+            page = context.new_page()
+            page.set_default_timeout(1e3 * DEADLINE_S)
+            page.goto(guide.entry)
+            assert page.locator(".references li").count() == 2
+            assert violations(page) == []
+            assert_fits(page)
+            page.click("#find")
+            page.wait_for_selector("#start")
+            assert "reference.jpg" in page.inner_text("#start")
+            page.click("text=All references")
+            page.wait_for_selector("#find")
+        finally:
+            context.close()
+
+
 def test_without_the_code_the_page_asks_for_the_token(browser: Browser, guide: ServedGuide) -> None:
-    context = browser.new_context(viewport=PHONE, ignore_https_errors=True)
+    context = browser.new_context(**SCREEN)
     try:
         page = context.new_page()
         page.goto(guide.url)
