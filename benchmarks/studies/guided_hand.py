@@ -179,15 +179,18 @@ def main(
             runs[name] = run
             record.say(f"  {name:10} {_text(run.start)} {run.took_s:8.2f}   {_text(run.errors)}")
     guided = sum(run.is_guided for run in runs.values())
+    shown = {name: runs[name].frames[:: record.pick(10, 20)] for name in names}
     wrong = sum(
-        greens(references[one], runs[other].frames[:: record.pick(10, 20)])
-        for one in names
-        for other in names
-        if one != other
+        greens(references[one], shown[other]) for one in names for other in names if one != other
     )
+    count = (len(names) - 1) * sum(map(len, shown.values()))
     again = [s for name in names for s in found_again_s(references[name], runs[name].frames)]
-    record.say(f"\n{guided} of {len(names)} guided; {wrong} good verdicts on wrong scenes")
+    record.say(
+        f"\n{guided} of {len(names)} guided; {wrong} good verdicts on {count} frames of wrong "
+        "scenes"
+    )
     record.figure("guided", guided, f"of {len(names)}")
     record.figure("longest approach", max(run.took_s for run in runs.values()), "s")
     record.figure("good verdicts on wrong scenes", wrong, "frames")
+    record.figure("search of a frame, median", 1e3 * float(np.median(again)), "ms")
     record.figure("search of a frame, slowest", 1e3 * max(again), "ms")

@@ -55,8 +55,8 @@ class GuidedReference:
 
     @property
     def name(self) -> str:
-        """Name of its file, by which the page asks for it."""
-        return self.judge.reference.path.name
+        """Name of its file on one line, by which the page asks for it."""
+        return on_one_line(self.judge.reference.path.name)
 
 
 def guide_app(
@@ -184,9 +184,8 @@ class _Pages:
 
     def _of(self, request: Request) -> GuidedReference:
         """The reference that is asked for; the only one needs no name."""
-        if len(self._references) == 1:
-            return next(iter(self._references.values()))
-        found = self._references.get(_text(request, "of"))
+        only = next(iter(self._references)) if len(self._references) == 1 else ""
+        found = self._references.get(request.query_params.get("of", only))
         if found is None:
             raise HTTPException(404, "there is no such reference")
         return found

@@ -44,6 +44,9 @@ PICTURES = ("before.jpg", "after.jpg")
 MOST_PX = 64_000_000
 """Pixels of a still: the largest sensors of phones have 50 million in one picture."""
 
+_ONE_COMPARISON = Lock()
+"""Of two at a time, for two references, each takes twice as long and both take their memory."""
+
 _SCHEMA = "standoff.guide/1"
 _MOST_LISTED = 100
 _MOST_DOCUMENT_BYTES = 1 << 20
@@ -249,12 +252,13 @@ class StillStore:
     def _compared(self, session: Path, record: StillRecord) -> StillRecord:
         """Look for changes, and write them into the session."""
         results = session / "results"
-        found = find_changes(
-            self._judge.reference.path,
-            results / PHOTOGRAPH_NAME,
-            self._inputs.psf,
-            noise=self._inputs.noise,
-        )
+        with _ONE_COMPARISON:
+            found = find_changes(
+                self._judge.reference.path,
+                results / PHOTOGRAPH_NAME,
+                self._inputs.psf,
+                noise=self._inputs.noise,
+            )
         found.write(results / CHANGES_FOLDER)
         pictures = compared_pictures(found.reference.grey_dn, found, found.left_out, found.colours)
         orientation = found.followup.facts.orientation

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -17,6 +18,9 @@ PART_BYTES = 2**20
 
 MOST_WAITING = 16
 """Photographs that are on their way at one time."""
+
+STALE_S = 7 * 24 * 3600.0
+"""A photograph of which nothing came for so long is given up."""
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _PART = ".part"
@@ -57,6 +61,7 @@ class Uploads:
             part = self._part(sha256)
             if not part.exists():
                 make_folder(self._folder)
+                self._give_up_stale()
                 if len(list(self._folder.iterdir())) >= MOST_WAITING:
                     raise UploadError(
                         f"{MOST_WAITING} photographs are on their way; wait until one is compared"
@@ -91,6 +96,11 @@ class Uploads:
     def discard(self, path: Path) -> None:
         """Forget a photograph that is stored elsewhere, or of no use."""
         path.unlink(missing_ok=True)
+
+    def _give_up_stale(self) -> None:
+        for part in self._folder.glob(f"*{_PART}"):
+            if time.time() - part.stat().st_mtime > STALE_S:
+                part.unlink()
 
     def _part(self, sha256: str) -> Path:
         return self._folder / (sha256 + _PART)

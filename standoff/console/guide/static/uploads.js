@@ -22,13 +22,15 @@ async function stored(mode, work) {
 
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-export class Refused extends Error {}
+class Refused extends Error {}
+class NotHere extends Error {}
 
 async function asked(path, options) {
   const answer = await fetch(path, options);
   const document = await answer.json().catch(() => ({}));
   if (answer.ok) return document;
-  if ([404, 413, 422].includes(answer.status)) throw new Refused(document.text);
+  if (answer.status === 404) throw new NotHere(document.text);
+  if (answer.status === 413 || answer.status === 422) throw new Refused(document.text);
   throw new Error(document.text || `the computer answers ${answer.status}`);
 }
 
@@ -48,14 +50,20 @@ let running = null;
 // Send all that waits, one after another; a lost link is tried again until it is back.
 export function sendWaiting(tell) {
   running ??= (async () => {
+    const left = new Set(); // photographs of a reference that is not served now
     for (;;) {
-      const [waiting] = await stored("readonly", (store) => store.getAll());
+      const all = await stored("readonly", (store) => store.getAll());
+      const waiting = all.find(({ sha256 }) => !left.has(sha256));
       if (!waiting) break;
       for (let attempt = 0; ; attempt += 1) {
         try {
           await send(waiting, (share) => tell({ share, words: "Sending the photograph." }));
           break;
         } catch (error) {
+          if (error instanceof NotHere) {
+            left.add(waiting.sha256);
+            break;
+          }
           if (error instanceof Refused) {
             tell({ fault: `The photograph was refused: ${error.message}` });
             break;
@@ -64,7 +72,7 @@ export function sendWaiting(tell) {
           await pause(RETRY_MS[Math.min(attempt, RETRY_MS.length - 1)]);
         }
       }
-      await stored("readwrite", (store) => store.delete(waiting.sha256));
+      if (!left.has(waiting.sha256)) await stored("readwrite", (store) => store.delete(waiting.sha256));
     }
     tell({ done: true });
   })().finally(() => { running = null; });

@@ -156,6 +156,12 @@ def test_what_is_no_announcement_is_refused_in_words(guide: Guide, facts: str) -
     assert answer.json()["text"]
 
 
+def test_a_still_of_a_reference_that_is_not_served_waits_in_the_phone(guide: Guide) -> None:
+    facts = f"sha256={'0' * 64}&bytes=1"
+    assert guide.phone.post(f"/stills?{facts}&of=reference.jpg", headers=OWN).status_code == 200
+    assert guide.phone.post(f"/stills?{facts}&of=another.jpg", headers=OWN).status_code == 404
+
+
 @pytest.fixture
 def several(stills: Stills, tmp_path: Path) -> Iterator[TestClient]:
     """A phone that is paired with a guide to four references."""

@@ -1,12 +1,20 @@
 """Photographs in parts: whole and verified, or not at all."""
 
 import hashlib
+import os
+import time
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from standoff.console.guide._uploads import MOST_BYTES, MOST_WAITING, UploadError, Uploads
+from standoff.console.guide._uploads import (
+    MOST_BYTES,
+    MOST_WAITING,
+    STALE_S,
+    UploadError,
+    Uploads,
+)
 
 DATA = bytes(range(256)) * 5
 SHA = hashlib.sha256(DATA).hexdigest()
@@ -87,3 +95,12 @@ def test_only_so_many_are_on_their_way(uploads: Uploads) -> None:
     with pytest.raises(UploadError, match="wait until one is compared"):
         uploads.begin(SHA, len(DATA))
     assert uploads.begin(f"{3:064x}", 1).received == 0  # one that is known goes on
+
+
+def test_a_photograph_that_was_given_up_makes_room(uploads: Uploads, tmp_path: Path) -> None:
+    for number in range(MOST_WAITING):
+        uploads.begin(f"{number:064x}", 1)
+    old_s = time.time() - STALE_S - 60
+    os.utime(tmp_path / "incoming" / f"{0:064x}.part", (old_s, old_s))
+    assert uploads.begin(SHA, len(DATA)).received == 0
+    assert len(list((tmp_path / "incoming").iterdir())) == MOST_WAITING
