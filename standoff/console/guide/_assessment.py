@@ -73,8 +73,8 @@ class Assessment:
     outline
         Corners of the reference in the picture, ``(x, y)`` in shares of its width and height;
         empty where it is not recognised.
-    deviation, faults, quality
-        Where the camera stands, what else is wrong, and the verdict by curves, where known.
+    deviation, quality
+        Where the camera stands, and the verdict by curves, where known.
     """
 
     verdict: Verdict
@@ -83,7 +83,6 @@ class Assessment:
     arrows: tuple[Arrow, ...] = ()
     outline: tuple[tuple[float, float], ...] = ()
     deviation: PoseDeviation | None = field(default=None, repr=False)
-    faults: FrameFaults | None = field(default=None, repr=False)
     quality: PoseQuality | None = field(default=None, repr=False)
 
     def to_json(self) -> dict[str, object]:
@@ -172,7 +171,6 @@ class Judge:
             arrows=deviation.arrows(),
             outline=_outline(matrix, size, small),
             deviation=deviation,
-            faults=faults,
             quality=quality,
         )
 
