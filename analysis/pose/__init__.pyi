@@ -1,3 +1,10 @@
+from ._frame_faults import FrameFaults as FrameFaults, frame_faults as frame_faults
+from ._guidance import (
+    TOLERANCES as TOLERANCES,
+    Arrow as Arrow,
+    PoseDeviation as PoseDeviation,
+    pose_deviation as pose_deviation,
+)
 from ._limits import (
     FollowupPose as FollowupPose,
     PoseLimits as PoseLimits,
@@ -30,6 +37,8 @@ from ._quality import (
     verdict_of as verdict_of,
 )
 from ._tracker import (
+    FollowedPose as FollowedPose,
+    PoseFollower as PoseFollower,
     PoseTracker as PoseTracker,
     PoseVerdict as PoseVerdict,
     StreamSummary as StreamSummary,

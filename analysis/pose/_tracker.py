@@ -73,6 +73,73 @@ class PoseVerdict:
         }
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FollowedPose:
+    """Pose of one frame, None where the reference is not recognised; ``reason`` says why not.
+
+    ``anchored``: whether the whole frame was searched for the reference, which takes longer.
+    """
+
+    pose: TrackedPose | None
+    anchored: bool
+    reason: str = ""
+
+
+class PoseFollower:
+    """Follows the camera's pose frame by frame, and finds it again where it was lost.
+
+    Not safe for several threads at once. ``reference``: grey, shape ``(rows, cols)``, any dtype,
+    finite.
+    """
+
+    def __init__(self, reference: AnyArray) -> None:
+        self._reference = TrackingReference(reference)
+        self._last: FloatArray | None = None
+        self._shape: tuple[int, ...] = ()
+        self._is_searching = False
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(rows, cols)`` of the reference."""
+        return self._reference.shape
+
+    @property
+    def is_searching(self) -> bool:
+        """Whether ``update`` is searching a whole frame, which takes longer; for other threads."""
+        return self._is_searching
+
+    def reset(self) -> None:
+        """Forget the pose: the next frame is searched as a whole."""
+        self._last = None
+
+    def update(self, image: AnyArray) -> FollowedPose:
+        """Find the pose of the next frame: grey, shape ``(rows, cols)``, finite."""
+        if image.shape != self._shape:
+            self._shape, self._last = image.shape, None
+        found = self._followed(image)
+        is_anchored = found is None
+        if found is None:
+            self._is_searching = True
+            try:
+                found = self._reference.anchored(image)
+            except RegistrationError as error:
+                self._last = None
+                reason = f"the reference is not recognised: {error}"
+                return FollowedPose(pose=None, anchored=True, reason=reason)
+            finally:
+                self._is_searching = False
+        self._last = found.matrix
+        return FollowedPose(pose=found, anchored=is_anchored)
+
+    def _followed(self, image: AnyArray) -> TrackedPose | None:
+        if self._last is None:
+            return None
+        try:
+            return self._reference.followed(image, self._last)
+        except RegistrationError:
+            return None
+
+
 class PoseTracker:
     """Follows the camera's pose and judges it, frame by frame.
 
@@ -98,20 +165,17 @@ class PoseTracker:
     ) -> None:
         if not 0 < min_d_prime < float("inf"):
             raise ValueError(f"min_d_prime must be positive, got {min_d_prime}")
-        self._reference = TrackingReference(reference)
+        self._follower = PoseFollower(reference)
         self._curve = curve
         self._min_d_prime = min_d_prime
         self._criterion = criterion
-        self._last: FloatArray | None = None
-        self._shape: tuple[int, ...] = ()
         self._frames = 0
         self._anchors = 0
-        self._is_searching = False
 
     @property
     def is_searching(self) -> bool:
         """Whether ``update`` is searching a whole frame, which takes seconds; for other threads."""
-        return self._is_searching
+        return self._follower.is_searching
 
     @property
     def frames(self) -> int:
@@ -125,7 +189,7 @@ class PoseTracker:
 
     def reset(self) -> None:
         """Forget the pose: the next frame is searched as a whole."""
-        self._last = None
+        self._follower.reset()
 
     def update(self, image: AnyArray) -> PoseVerdict:
         """Judge the pose of the next frame.
@@ -135,42 +199,25 @@ class PoseTracker:
         error is raised then, as an operator on the way loses it all the time.
         """
         self._frames += 1
-        if image.shape != self._shape:
-            self._shape, self._last = image.shape, None
-        found = self._followed(image)
-        is_anchored = found is None
-        if found is None:
-            self._anchors += 1
-            self._is_searching = True
-            try:
-                found = self._reference.anchored(image)
-            except RegistrationError as error:
-                self._last = None
-                return _unknown(f"the reference is not recognised: {error}")
-            finally:
-                self._is_searching = False
-        return self._judged(found, (image.shape[1], image.shape[0]), is_anchored=is_anchored)
-
-    def _followed(self, image: AnyArray) -> TrackedPose | None:
-        if self._last is None:
-            return None
-        try:
-            return self._reference.followed(image, self._last)
-        except RegistrationError:
-            return None
+        found = self._follower.update(image)
+        self._anchors += found.anchored
+        if found.pose is None:
+            return _unknown(found.reason)
+        return self._judged(
+            found.pose, (image.shape[1], image.shape[0]), is_anchored=found.anchored
+        )
 
     def _judged(
         self, found: TrackedPose, size: tuple[int, int], *, is_anchored: bool
     ) -> PoseVerdict:
-        rows, cols = self._reference.shape
+        rows, cols = self._follower.shape
         try:
             quality = pose_quality(
                 found.matrix, size, (cols, rows), self._curve, self._min_d_prime, self._criterion
             )
         except AnalysisError as error:
-            self._last = None
+            self._follower.reset()
             return _unknown(str(error))
-        self._last = found.matrix
         return PoseVerdict(
             accepted=quality.is_accepted,
             verdict=quality.decision.verdict,

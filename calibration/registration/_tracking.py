@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
 from calibration.registration._descent import zoom_at_centre
-from calibration.registration._features import homography_pose, match_features
+from calibration.registration._features import ImageFeatures, find_features, homography_pose
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
 
@@ -76,6 +76,7 @@ class TrackingReference:
     def __init__(self, reference: AnyArray) -> None:
         self._levels = _bytes_of(reference)
         self._softened: dict[int, _Softened] = {}
+        self._features: ImageFeatures | None = None
         self._at(1.0)
 
     @property
@@ -86,7 +87,9 @@ class TrackingReference:
     def anchored(self, frame: AnyArray) -> TrackedPose:
         """Find the pose of a grey, finite frame by matched features, then by the flow."""
         levels = _bytes_of(frame)
-        matrix, _ = homography_pose(match_features(self._levels, levels))
+        if self._features is None:
+            self._features = find_features(self._levels, "reference")
+        matrix, _ = homography_pose(self._features.matched_with(find_features(levels, "followup")))
         return self._flowed(levels, matrix, _ANCHOR_PASSES)
 
     def followed(self, frame: AnyArray, matrix: FloatArray) -> TrackedPose:
@@ -213,12 +216,19 @@ def _corners_px(levels: ByteImage, zoom: float) -> FloatArray:
 
 def _lit_like(warped: ByteImage, frame: ByteImage, corners: Float32Array) -> ByteImage:
     """Reference in the frame's light: mean and contrast around the corners are made equal."""
-    (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
-    part = np.s_[top : bottom + 1 : 2, left : right + 1 : 2]
-    mean, frame_mean = float(warped[part].mean()), float(frame[part].mean())
-    contrast = max(float(warped[part].std()), _MIN_CONTRAST)
-    gain = float(frame[part].std()) / contrast
-    lit = np.clip(gain * (np.arange(256.0) - mean) + frame_mean + 0.5, 0.0, 255.0)
+    reach_px = _WINDOW_PX // 2
+    steps = np.arange(-reach_px, reach_px + 1, 5)
+    y, x = (
+        (places[:, None, None] + offsets).clip(0, most - 1)
+        for places, offsets, most in (
+            (np.rint(corners[:, 1]).astype(np.intp), steps[:, None], frame.shape[0]),
+            (np.rint(corners[:, 0]).astype(np.intp), steps[None, :], frame.shape[1]),
+        )
+    )
+    was, seen = warped[y, x], frame[y, x]
+    contrast = max(float(was.std()), _MIN_CONTRAST)
+    gain = float(seen.std()) / contrast
+    lit = np.clip(gain * (np.arange(256.0) - was.mean()) + seen.mean() + 0.5, 0.0, 255.0)
     return np.asarray(cv2.LUT(warped, lit.astype(np.uint8)), dtype=np.uint8)
 
 

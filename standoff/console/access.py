@@ -199,12 +199,23 @@ FORBIDDEN, NOT_OURS = 4401, 4403
 
 
 class AccessMiddleware:
-    """Admits whom `Access` admits; the others get the page ``refusal``."""
+    """Admits whom `Access` admits; the others get the page ``refusal``.
 
-    def __init__(self, app: ASGIApp, *, access: Access, refusal: str) -> None:
+    ``open_paths``: those that the page asking for the token needs.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        access: Access,
+        refusal: str,
+        open_paths: tuple[str, ...] = OPEN_PATHS,
+    ) -> None:
         self._app = app
         self._access = access
         self._refusal = refusal
+        self._open_paths = open_paths
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection."""
@@ -224,7 +235,9 @@ class AccessMiddleware:
                 headers.setdefault("Content-Security-Policy", PAGE_POLICY)
             await send(message)
 
-        if self._may_enter(scope) or (self._access.needs_token and scope["path"] in OPEN_PATHS):
+        if self._may_enter(scope) or (
+            self._access.needs_token and scope["path"] in self._open_paths
+        ):
             await self._app(scope, receive, send_guarded)
             return
         response = HTMLResponse(self._refusal, status_code=401)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import socket
+import ssl
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
@@ -141,8 +142,12 @@ WATCH_TICKS = 10
 """The server ticks ten times a second; connections are looked at once."""
 
 
-def open_socket(host: str, port: int) -> socket.socket:
-    """Bind the address; port 0 picks a free port."""
+def open_socket(host: str, port: int, receive_bytes: int = RECEIVE_BYTES) -> socket.socket:
+    """Bind the address; port 0 picks a free port.
+
+    ``receive_bytes``: receive buffer of each connection; over a link with a round trip of ``t``
+    seconds, no more than ``receive_bytes / t`` arrives a second.
+    """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM
@@ -156,7 +161,7 @@ def open_socket(host: str, port: int) -> socket.socket:
         raise _refused(host, port, error) from error
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)  # inherited
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)  # inherited
         opened.bind(address)
         opened.listen(BACKLOG)
     except OSError as error:
@@ -172,12 +177,21 @@ def _refused(host: str, port: int, error: OSError) -> ApplicationError:
     )
 
 
-def serve(app: ASGIApp, bound: socket.socket, *, ready: Callable[[], None]) -> None:
-    """Serve until SIGINT or SIGTERM; ``ready`` is called once requests are answered."""
-    asyncio.run(_serve(server_of(app), bound, ready))
+def serve(
+    app: ASGIApp,
+    bound: socket.socket,
+    *,
+    ready: Callable[[], None],
+    tls: ssl.SSLContext | None = None,
+) -> None:
+    """Serve until SIGINT or SIGTERM; ``ready`` is called once requests are answered.
+
+    ``tls``: encrypts the connections; None serves them as they are.
+    """
+    asyncio.run(_serve(server_of(app, tls), bound, ready))
 
 
-def server_of(app: ASGIApp) -> uvicorn.Server:
+def server_of(app: ASGIApp, tls: ssl.SSLContext | None = None) -> uvicorn.Server:
     """Return a server of the application that leaves the signals alone."""
     config = uvicorn.Config(
         app,
@@ -195,6 +209,7 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
         proxy_headers=False,
         timeout_graceful_shutdown=GRACE_S,
         lifespan="off",
+        ssl_context_factory=None if tls is None else lambda _config, _make: tls,
     )
     return _Server(config)
 

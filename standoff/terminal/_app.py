@@ -59,6 +59,7 @@ COMMANDS = {
     "report": "sessions:report",
     "benchmark": "benchmark:benchmark",
     "console": "console:console",
+    "guide": "guide:guide",
     "mock": "mock:mock",
     "doctor": "bench:doctor",
     "cameras": "bench:cameras",

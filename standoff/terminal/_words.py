@@ -46,6 +46,7 @@ standoff report session
 standoff benchmark make --out benchmark --size small --workers 2
 standoff benchmark score mine theirs --data benchmark --out scores
 standoff console --bench bench.toml
+standoff guide before.jpg --out guided
 standoff mock --stage-protocol grbl
 standoff doctor --bench bench.toml
 standoff cameras
@@ -101,6 +102,7 @@ _WORDS = {
     "export": "convert save ome-tiff ome-zarr nexus hdf5 zarr",
     "report": "html pdf summary protocol",
     "console": "gui ui web server serve browser dashboard operator start",
+    "guide": "phone mobile smartphone qr guidance",
     "mock": "simulator emulator fake practice simulated-bench virtual",
     "doctor": "check diagnose diagnostics selftest self-test health test troubleshoot setup info",
     "cameras": "camera discover list-cameras gige arv-tool devices ls list",

@@ -1,24 +1,20 @@
 """The console's pages and its one websocket; the work is done behind them."""
 
 import asyncio
-import math
 import shutil
-import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, TypeVar, get_args
-from urllib.parse import parse_qs
 
 import numpy as np
 from jinja2 import Environment, PackageLoader
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import (
     HTMLResponse,
     JSONResponse,
-    RedirectResponse,
     Response,
     StreamingResponse,
 )
@@ -31,9 +27,10 @@ from acquisition.choices import CaptureKind
 from acquisition.errors import DeviceError, PlanError, SessionError
 from acquisition.printable import on_one_line
 from acquisition.session import CaptureRecord, Session
-from standoff.console.access import Access, AccessMiddleware, Allowance, LoginThrottle
+from standoff.console.access import Access, AccessMiddleware
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import DeviceStatus
+from standoff.console.entrance import Entrance, body_of
 from standoff.console.page_words import page_words
 from standoff.console.plans import PlanDraft, TargetDraft, draft_of
 from standoff.console.pose_curves import MOST_BYTES
@@ -65,15 +62,11 @@ from standoff.errors import ApplicationError
 T = TypeVar("T")
 
 FOLDER = Path(__file__).parent
-MAX_LOGIN_BYTES = 4096
 PART_BYTES = 2**20
 """Of the levels of an image, which a connection sends one by one."""
 
 PAGES_AT_ONCE, PAGES_WAITING = 2, 64
 """Pages that are made at the same time, beside the bench's own threads, and that wait for it."""
-
-WARNING_PERIOD_S = 60.0
-"""Pages are told of guesses of the token at most this often."""
 
 VIEWER_HEADER = "X-Viewer"
 """The identity of the page that sends a file: the one it has on its websocket."""
@@ -106,7 +99,7 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
             Route("/pose/curves", pages.curves),
             Route("/pose/curves", pages.take_curves, methods=["POST"]),
             Route("/doctor", pages.doctor),
-            Route("/login", pages.login, methods=["GET", "POST"]),
+            Route("/login", pages.entrance.login, methods=["GET", "POST"]),
             WebSocketRoute("/live", LiveSockets(hub).serve),
             Mount("/static", StaticFiles(directory=FOLDER / "static")),
         ],
@@ -121,8 +114,7 @@ class _Pages:
     def __init__(self, hub: BenchHub, access: Access) -> None:
         self._hub = hub
         self._access = access
-        self._throttle = LoginThrottle()
-        self._warnings = Allowance(at_once=1, period_s=WARNING_PERIOD_S, clock=time.monotonic)
+        self.entrance = Entrance(access, self.refusal, warn=self._warn_of_guesses)
         self._thumbnails = Thumbnails()
         self._turns = asyncio.Semaphore(PAGES_AT_ONCE)
         self._asked = 0
@@ -275,7 +267,7 @@ class _Pages:
             return _told(403, "You are not in control: take control first.")
         length = headers.get("content-length", "0")
         is_larger = length.isascii() and length.isdigit() and int(length[:20]) > MOST_BYTES
-        data = None if is_larger else await _body(request, MOST_BYTES, "the file did not arrive")
+        data = None if is_larger else await body_of(request, MOST_BYTES, "the file did not arrive")
         if data is None:
             return _told(413, f"A file of curves has at most {MOST_BYTES // 2**20} MiB.")
         try:
@@ -286,28 +278,6 @@ class _Pages:
 
     async def doctor(self, request: Request) -> Response:
         return await self._made(request, "doctor.html", lambda: {"checks": bench_checks(self._hub)})
-
-    async def login(self, request: Request) -> Response:
-        """Take the token once, and return a cookie in its place."""
-        token = await _token_of(request)
-        peer = "" if request.client is None else request.client.host
-        wait_s = self._throttle.wait_s(peer)
-        if token and wait_s > 0:
-            headers = {"Retry-After": str(math.ceil(wait_s))}
-            return HTMLResponse(self.refusal(is_early=True), status_code=429, headers=headers)
-        if not self._access.is_token(token):
-            if token:
-                self._note_guess(peer)
-            return HTMLResponse(self.refusal(is_wrong=bool(token)), status_code=401)
-        response = RedirectResponse("/", status_code=303)
-        response.set_cookie(
-            self._access.cookie_name,
-            self._access.cookie_value,
-            httponly=True,
-            samesite="strict",
-            path="/",
-        )
-        return response
 
     def refusal(self, *, is_wrong: bool = False, is_early: bool = False) -> str:
         template = self._templates.get_template("refusal.html")
@@ -323,11 +293,8 @@ class _Pages:
             headers=error.headers,
         )
 
-    def _note_guess(self, peer: str) -> None:
-        self._throttle.note_wrong(peer)
-        if self._throttle.wait_s(peer) > 0 and self._warnings.wait_s == 0:
-            self._warnings.take()
-            self._hub.tell(f"Somebody at {peer} is guessing the console's token.")
+    def _warn_of_guesses(self, peer: str) -> None:
+        self._hub.tell(f"Somebody at {peer} is guessing the console's token.")
 
     def _captured(self, request: Request) -> tuple[Session, CaptureRecord]:
         """The capture that is asked for, and its session."""
@@ -361,29 +328,6 @@ class _Pages:
 
     def _page(self, name: str, **facts: object) -> str:
         return self._templates.get_template(name).render(path=f"/{name}", **facts)
-
-
-async def _token_of(request: Request) -> str:
-    """The token that a login names; empty if it names none."""
-    if request.method != "POST":
-        return request.query_params.get("token", "")
-    data = await _body(request, MAX_LOGIN_BYTES, "the token did not arrive")
-    if data is None:
-        raise HTTPException(413, "the token is too long")
-    return parse_qs(data.decode("utf-8", "replace")).get("token", [""])[0]
-
-
-async def _body(request: Request, most_bytes: int, missing: str) -> bytes | None:
-    """What is sent; None if that is too much."""
-    data = bytearray()
-    try:
-        async for chunk in request.stream():
-            data += chunk
-            if len(data) > most_bytes:
-                return None
-    except ClientDisconnect as error:  # it took too long, or left
-        raise HTTPException(400, missing) from error
-    return bytes(data)
 
 
 def _told(status: int, text: str) -> Response:

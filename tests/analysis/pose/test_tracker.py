@@ -120,10 +120,10 @@ def test_it_says_while_it_searches_and_only_then(monkeypatch: pytest.MonkeyPatch
             seen[name] = followed.is_searching
             return of(*arguments)
 
-        monkeypatch.setattr(followed._reference, name, told)
+        monkeypatch.setattr(followed._follower._reference, name, told)
 
-    watched("anchored", followed._reference.anchored)
-    watched("followed", followed._reference.followed)
+    watched("anchored", followed._follower._reference.anchored)
+    watched("followed", followed._follower._reference.followed)
     followed.update(seen_from(scene(), pose(1.1)))
     followed.update(seen_from(scene(), pose(1.1)))
     assert seen == {"anchored": True, "followed": False}

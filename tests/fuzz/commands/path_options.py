@@ -23,6 +23,7 @@ LINES = {
     "--contrast 12 --out evaluation.json",
     "report": "report @series --out out.html",
     "console": "console --bench @bench.toml",
+    "guide": "guide @photographs/1.tif --host 127.0.0.1 --port 0",
     "mock": "mock",
     "session include": "session include 0 @taken",
     "session set-height": "session set-height 0 @imported --height-mm 200 --reason wrong",

@@ -360,9 +360,7 @@ def test_guesses_are_slowed_down_and_the_pages_are_told(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = FakeClock()
-    monkeypatch.setattr(
-        "standoff.console.web._application.LoginThrottle", lambda: LoginThrottle(clock)
-    )
+    monkeypatch.setattr("standoff.console.entrance.LoginThrottle", lambda: LoginThrottle(clock))
     app = console_app(hub, token=TOKEN)
     guesser, other = (
         TestClient(app, client=(peer, 50000), follow_redirects=False, base_url=OWN)

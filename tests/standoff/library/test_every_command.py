@@ -46,6 +46,7 @@ FUNCTIONS = {
 }
 EXEMPT = {
     "console": "serves a page until it is ended",
+    "guide": "serves a page until it is ended",
     "mock": "serves a camera until it is ended",
     "doctor": "checks the installation",
     "demo": "shows the commands at work",

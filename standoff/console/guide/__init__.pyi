@@ -1,0 +1,7 @@
+from ._application import GuidedReference as GuidedReference, guide_app as guide_app
+from ._assessment import Judge as Judge
+from ._certificate import Certificate as Certificate, made_certificate as made_certificate
+from ._live import LiveGuidance as LiveGuidance
+from ._network import network_address as network_address, qr_text as qr_text
+from ._reference import GuideReference as GuideReference
+from ._stills import ComparisonInputs as ComparisonInputs, StillStore as StillStore

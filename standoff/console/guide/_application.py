@@ -1,0 +1,292 @@
+"""The guide's page and what it sends: frames to be judged, stills in parts, and what is asked."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from jinja2 import Environment, PackageLoader
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from acquisition.errors import ApplicationError
+from acquisition.printable import on_one_line
+from standoff.console.access import Access, AccessMiddleware
+from standoff.console.entrance import Entrance, body_of
+from standoff.console.guide._assessment import WITHOUT_CURVES, Judge
+from standoff.console.guide._live import MOST_FRAME_BYTES, FrameError, LiveGuidance
+from standoff.console.guide._stills import StillStore
+from standoff.console.guide._uploads import PART_BYTES, UploadError
+
+T = TypeVar("T")
+
+FOLDER = Path(__file__).parent
+OPEN_PATHS = ("/login", "/static/guide.css")
+FRAMES_WAITING = 4
+"""Frames that are on their way at one time; a phone sends two."""
+
+TRIED_AT_ONCE = 3
+"""References that a frame is compared with to find out which of them it shows."""
+
+WORK_WAITING = 32
+"""Requests other than frames that are served at one time."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuidedReference:
+    """A reference with all that is done with it; whoever serves it starts and closes the store."""
+
+    judge: Judge
+    store: StillStore
+    live: LiveGuidance
+
+    @classmethod
+    def of(cls, judge: Judge, store: StillStore) -> "GuidedReference":
+        """Return a reference that is ready to be guided to."""
+        return cls(judge, store, LiveGuidance(judge))
+
+    @property
+    def name(self) -> str:
+        """Name of its file on one line, by which the page asks for it."""
+        return on_one_line(self.judge.reference.path.name)
+
+
+def guide_app(
+    references: Sequence[GuidedReference],
+    *,
+    token: str,
+    fingerprint: str,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Starlette:
+    """Return the web application for one reference or several, of different names.
+
+    ``fingerprint`` is the certificate's, ``tell`` is told who was let in and who guesses the token.
+    """
+    access = Access(token)
+    pages = _Pages(references, access, fingerprint)
+    entrance = Entrance(
+        access,
+        pages.refusal,
+        warn=lambda peer: tell(f"somebody at {peer} is guessing the token"),
+        admitted=lambda peer: tell(f"paired with the phone at {peer}"),
+    )
+    return Starlette(
+        routes=[
+            Route("/", pages.page),
+            Route("/login", entrance.login, methods=["GET", "POST"]),
+            Route("/reference.jpg", pages.reference),
+            Route("/frames", pages.frame, methods=["POST"]),
+            Route("/find", pages.find, methods=["POST"]),
+            Route("/stills", pages.stills),
+            Route("/stills", pages.announce, methods=["POST"]),
+            Route("/stills/{sha256}", pages.part, methods=["PUT"]),
+            Route("/stills/{name}/{which}", pages.picture),
+            Mount("/static", StaticFiles(directory=FOLDER / "static")),
+        ],
+        middleware=[
+            Middleware(
+                AccessMiddleware, access=access, refusal=pages.refusal(), open_paths=OPEN_PATHS
+            )
+        ],
+        exception_handlers={HTTPException: _fault},
+    )
+
+
+class _Pages:
+    """Answers the phone; what takes time is done in threads."""
+
+    def __init__(
+        self, references: Sequence[GuidedReference], access: Access, fingerprint: str
+    ) -> None:
+        self._references = {one.name: one for one in references}
+        self._next = 0
+        self._access = access
+        self._fingerprint = fingerprint
+        self._frames = 0
+        self._working = 0
+        self._templates = Environment(
+            loader=PackageLoader("standoff.console.guide", "templates"),
+            autoescape=True,
+            finalize=lambda value: on_one_line(value) if type(value) is str else value,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+
+    async def page(self, request: Request) -> Response:
+        """The page of a reference, or the list of them where there are several."""
+        if len(self._references) > 1 and "of" not in request.query_params:
+            template = self._templates.get_template("references.html")
+            return HTMLResponse(template.render(references=self._listed()))
+        one = self._of(request)
+        reference = one.judge.reference
+        template = self._templates.get_template("guide.html")
+        return HTMLResponse(
+            template.render(
+                reference=one.name,
+                width=reference.size[0],
+                height=reference.size[1],
+                fingerprint=self._fingerprint,
+                judged_by="" if one.judge.has_curve else WITHOUT_CURVES,
+                is_one_of_several=len(self._references) > 1,
+            )
+        )
+
+    async def reference(self, request: Request) -> Response:
+        return Response(self._of(request).judge.reference.jpeg, media_type="image/jpeg")
+
+    async def frame(self, request: Request) -> Response:
+        """Judge the newest frame; one that was overtaken is answered without a verdict."""
+        self._require_own_page(request)
+        live = self._of(request).live
+        async with self._one_frame():
+            data = await self._body(request, MOST_FRAME_BYTES)
+            found = await live.judged(data)
+        return JSONResponse({"passed_over": True} if found is None else found.to_json())
+
+    async def find(self, request: Request) -> Response:
+        """Name the reference whose scene a frame shows; a few are tried with each frame."""
+        self._require_own_page(request)
+        async with self._one_frame():
+            data = await self._body(request, MOST_FRAME_BYTES)
+            names = list(self._references)
+            tried = [names[(self._next + k) % len(names)] for k in range(TRIED_AT_ONCE)]
+            self._next = (self._next + TRIED_AT_ONCE) % len(names)
+            for name in dict.fromkeys(tried):
+                found = await self._references[name].live.judged(data)
+                if found is not None and found.deviation is not None:
+                    return JSONResponse({"of": name})
+        return JSONResponse({"of": None})
+
+    @asynccontextmanager
+    async def _one_frame(self) -> AsyncIterator[None]:
+        """Let a few frames in at a time, and say what is wrong with one."""
+        if self._frames >= FRAMES_WAITING:
+            raise HTTPException(
+                429, "frames come faster than they are judged", {"Retry-After": "1"}
+            )
+        self._frames += 1
+        try:
+            yield
+        except FrameError as error:
+            raise HTTPException(422, str(error)) from error
+        except asyncio.CancelledError as error:  # Ctrl-C while a frame is judged
+            raise HTTPException(503, "the guide has ended") from error
+        finally:
+            self._frames -= 1
+
+    def _of(self, request: Request) -> GuidedReference:
+        """The reference that is asked for; the only one needs no name."""
+        only = next(iter(self._references)) if len(self._references) == 1 else ""
+        found = self._references.get(request.query_params.get("of", only))
+        if found is None:
+            raise HTTPException(404, "there is no such reference")
+        return found
+
+    def _listed(self) -> list[dict[str, Any]]:
+        """Each reference, with the number of its stills and the verdict on the newest."""
+        listed = []
+        for one in self._references.values():
+            records = one.store.records()
+            pose = records[0].pose if records else None
+            verdict = "" if pose is None else pose["verdict"]
+            listed.append({"name": one.name, "stills": len(records), "verdict": verdict})
+        return listed
+
+    async def stills(self, request: Request) -> Response:
+        """What is known of every still, the newest first."""
+        records = self._of(request).store.records()
+        return JSONResponse([record.to_json() for record in records])
+
+    async def announce(self, request: Request) -> Response:
+        """Say where a still goes on: 0 for a new one, its size for one that is stored."""
+        self._require_own_page(request)
+        sha256, size = _text(request, "sha256"), _number(request, "bytes")
+        store = self._of(request).store
+        if store.record_of(sha256) is not None:
+            return JSONResponse({"received": size, "is_stored": True})
+        found = await self._in_thread(partial(store.uploads.begin, sha256, size))
+        return JSONResponse({"received": found.received, "is_stored": False})
+
+    async def part(self, request: Request) -> Response:
+        """Add a part of a still; the last one is answered once the whole is verified."""
+        self._require_own_page(request)
+        data = await self._body(request, PART_BYTES)
+        sha256 = request.path_params["sha256"]
+        offset, size = _number(request, "offset"), _number(request, "bytes")
+        store = self._of(request).store
+        add = partial(store.uploads.add, sha256, offset, data, size)
+        found = await self._in_thread(add)
+        if found.path is None:
+            return JSONResponse({"received": found.received, "is_stored": False})
+        is_removed = _text(request, "location") == "remove"
+        record = store.take(found.path, is_location_removed=is_removed)
+        return JSONResponse({"received": found.received, "is_stored": True, "name": record.name})
+
+    async def picture(self, request: Request) -> Response:
+        parameters = request.path_params
+        read = partial(self._of(request).store.picture, parameters["name"], parameters["which"])
+        data = await self._in_thread(read)
+        if data is None:
+            raise HTTPException(404, "there is no such picture")
+        return Response(data, media_type="image/jpeg")
+
+    def refusal(self, *, is_wrong: bool = False, is_early: bool = False) -> str:
+        template = self._templates.get_template("entrance.html")
+        return template.render(is_wrong=is_wrong, is_early=is_early)
+
+    def _require_own_page(self, request: Request) -> None:
+        """Refuse what a page from elsewhere makes the phone's browser send."""
+        headers = request.headers
+        if not self._access.is_own_page(
+            origin=headers.get("origin"), host=headers.get("host", ""), scheme=request.url.scheme
+        ):
+            raise HTTPException(403, "this was not sent by the guide's own page")
+
+    async def _body(self, request: Request, most_bytes: int) -> bytes:
+        length = request.headers.get("content-length", "0")
+        is_larger = length.isascii() and length.isdigit() and int(length[:20]) > most_bytes
+        data = None if is_larger else await body_of(request, most_bytes, "it did not arrive")
+        if data is None:
+            raise HTTPException(413, f"at most {most_bytes // 1024} kB are taken at once")
+        return data
+
+    async def _in_thread(self, work: Callable[[], T]) -> T:
+        if self._working >= WORK_WAITING:
+            raise HTTPException(503, "the computer is busy: try again", {"Retry-After": "1"})
+        self._working += 1
+        try:
+            return await asyncio.to_thread(work)
+        except UploadError as error:
+            raise HTTPException(422, str(error)) from error
+        except ApplicationError as error:
+            raise HTTPException(500, str(error)) from error
+        except OSError as error:
+            said = f"the computer cannot store it: {error.strerror or error}"
+            raise HTTPException(507, said) from error
+        finally:
+            self._working -= 1
+
+
+async def _fault(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    document: dict[str, Any] = {"text": error.detail}
+    return JSONResponse(document, status_code=error.status_code, headers=error.headers)
+
+
+def _text(request: Request, name: str) -> str:
+    return request.query_params.get(name, "")
+
+
+def _number(request: Request, name: str) -> int:
+    text = _text(request, name)
+    if not (text.isascii() and text.isdigit() and len(text) < 12):
+        raise HTTPException(422, f"{name} is a number of bytes")
+    return int(text)

@@ -1,0 +1,264 @@
+"""What is said of a frame or a still: go, no go or unsure, why, and what would make it better."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.detectability import DetectabilityCurve
+from analysis.errors import AnalysisError
+from analysis.pose import (
+    Arrow,
+    FrameFaults,
+    PoseDeviation,
+    PoseQuality,
+    Verdict,
+    frame_faults,
+    pose_deviation,
+    pose_quality,
+)
+from simulation.arrays import FloatArray
+from simulation.pose import project
+from standoff.console.guide._reference import GuideReference, scaled_matrix
+
+ByteImage = NDArray[np.uint8]
+
+GO_UP_TO: Final = 0.8
+"""Share of a tolerance up to which a pose is good: a hand moves on while it presses the shutter."""
+
+UNSURE_UP_TO: Final = 2.0
+"""Multiples of a tolerance up to which a pose is unsure."""
+
+MOST_MOTION: Final = 0.5
+"""Speed of the picture, in frames a second, from which blur is taken for that of motion."""
+
+WITHOUT_CURVES: Final = (
+    "No curves are given, so the pose is judged by where the camera stands alone: the same "
+    "distance within 3 %, the same direction within 2°, the same middle within 2 % of the picture."
+)
+
+STEADY: Final = 0.06
+"""Speed of the picture, in frames a second, up to which a hand is steady enough for the shutter."""
+
+_RANK: Final[dict[Verdict, int]] = {"go": 0, "unsure": 1, "no go": 2}
+_REMEDIES: Final = {
+    "light": "more light",
+    "glare": "keep the reflection of the lamp out of the picture",
+    "focus": "tap the scene on the phone to focus, or wipe the lens",
+    "motion": "hold still",
+}
+_COSTS: Final = {
+    "distance": "the distance",
+    "aim": "where it is aimed",
+    "turn": "the turn",
+    "tilt": "the tilt",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assessment:
+    """What is said of one picture.
+
+    Parameters
+    ----------
+    verdict
+        Go, no go or unsure; no go where the scene is not recognised.
+    words
+        The reason in a sentence.
+    remedy
+        What would make it better, in a sentence; empty if nothing would.
+    arrows
+        Movements to make, at most two, the most urgent first.
+    outline
+        Corners of the reference in the picture, ``(x, y)`` in shares of its width and height;
+        empty where it is not recognised.
+    deviation, quality
+        Where the camera stands, and the verdict by curves, where known.
+    """
+
+    verdict: Verdict
+    words: str
+    remedy: str = ""
+    arrows: tuple[Arrow, ...] = ()
+    outline: tuple[tuple[float, float], ...] = ()
+    deviation: PoseDeviation | None = field(default=None, repr=False)
+    quality: PoseQuality | None = field(default=None, repr=False)
+
+    def to_json(self) -> dict[str, object]:
+        """Return what the page shows, and the figures behind it."""
+        deviation, quality = self.deviation, self.quality
+        return {
+            "verdict": self.verdict,
+            "words": self.words,
+            "remedy": self.remedy,
+            "arrows": [{"name": one.name, "words": one.words} for one in self.arrows],
+            "outline": self.outline,
+            "pose": None
+            if deviation is None
+            else {name: getattr(deviation, name) for name in PoseDeviation.__dataclass_fields__},
+            "dprime": None if quality is None else quality.decisive_d_prime,
+            "dprime_lost": None if quality is None else dprime_lost(quality),
+        }
+
+
+class Judge:
+    """Judges pictures against a reference; with a curve by d' as well, else by the pose alone."""
+
+    def __init__(
+        self,
+        reference: GuideReference,
+        curve: DetectabilityCurve | None = None,
+        min_d_prime: float = 2.0,
+    ) -> None:
+        self.reference = reference
+        self._curve = curve
+        self._min_d_prime = min_d_prime
+
+    @property
+    def has_curve(self) -> bool:
+        """Whether poses are judged by d'."""
+        return self._curve is not None
+
+    def lost(self) -> Assessment:
+        """Say that the scene is not recognised."""
+        return Assessment(
+            verdict="no go",
+            words="The scene of the reference is not recognised.",
+            remedy="Show as much of it as the reference does, in good light.",
+        )
+
+    def judged(
+        self,
+        levels: ByteImage,
+        matrix: FloatArray,
+        *,
+        full_size: tuple[int, int] | None = None,
+        motion: float = 0.0,
+    ) -> Assessment:
+        """Judge a picture whose pose was found.
+
+        Parameters
+        ----------
+        levels
+            Grey levels as displayed, shape ``(rows, cols)``.
+        matrix
+            Shape (3, 3): its pixel centres to those of ``reference.levels``.
+        full_size
+            ``(width, height)`` of the still that is judged; by default it is taken to be sampled
+            as finely as the reference.
+        motion
+            Speed of the picture, in frames a second.
+        """
+        rows, cols = levels.shape
+        size, small = (cols, rows), self.reference.small_size
+        try:
+            deviation = pose_deviation(matrix, size, small)
+        except (ValueError, np.linalg.LinAlgError):
+            return self.lost()
+        faults = frame_faults(levels, self.reference.levels, matrix)
+        if faults is not None and not faults.is_same_scene:
+            return self.lost()
+        quality = self._quality(matrix, size, full_size)
+        verdict, causes = self._verdict(deviation, faults, quality, motion)
+        words, remedy = _said(verdict, deviation, causes, quality)
+        if verdict != "go" and motion > STEADY and deviation.largest_cost <= GO_UP_TO:
+            remedy = "; ".join(filter(None, (_REMEDIES["motion"], remedy)))
+        return Assessment(
+            verdict=verdict,
+            words=words,
+            remedy=remedy,
+            arrows=deviation.arrows(),
+            outline=_outline(matrix, size, small),
+            deviation=deviation,
+            quality=quality,
+        )
+
+    def _verdict(
+        self,
+        deviation: PoseDeviation,
+        faults: FrameFaults | None,
+        quality: PoseQuality | None,
+        motion: float,
+    ) -> tuple[Verdict, dict[str, float]]:
+        """The verdict, and all costs by name, largest first."""
+        causes: dict[str, float] = {str(name): cost for name, cost in deviation.costs.items()}
+        if faults is None:
+            causes["aim"] = max(causes["aim"], 2 * UNSURE_UP_TO)
+        else:
+            others = faults.costs()
+            blur = "motion" if motion > MOST_MOTION else "focus"
+            causes |= {
+                blur: others["sharpness"],
+                "light": others["light"],
+                "glare": others["glare"],
+            }
+        largest = max(causes.values())
+        is_good = deviation.largest_cost <= GO_UP_TO and largest <= 1 and motion <= STEADY
+        verdict: Verdict = "go" if is_good else "unsure"
+        if largest > UNSURE_UP_TO:
+            verdict = "no go"
+        if quality is not None and _RANK[quality.decision.verdict] > _RANK[verdict]:
+            verdict = quality.decision.verdict
+        return verdict, dict(sorted(causes.items(), key=lambda one: -one[1]))
+
+    def _quality(
+        self, matrix: FloatArray, size: tuple[int, int], full_size: tuple[int, int] | None
+    ) -> PoseQuality | None:
+        if self._curve is None:
+            return None
+        reference = self.reference
+        if full_size is None:
+            factor = max(reference.size) / max(size)
+            full_size = round(size[0] * factor), round(size[1] * factor)
+        full = scaled_matrix(matrix, (size, reference.small_size), (full_size, reference.size))
+        try:
+            return pose_quality(full, full_size, reference.size, self._curve, self._min_d_prime)
+        except AnalysisError:
+            return None
+
+
+def dprime_lost(quality: PoseQuality) -> float:
+    """Share of d' that is lost against the reference's own pose."""
+    best = float(np.asarray(quality.curve.d_prime_at(np.array([1.0])))[0])
+    return max(1 - quality.decisive_d_prime / best, 0.0) if best > 0 else 0.0
+
+
+def _said(
+    verdict: Verdict,
+    deviation: PoseDeviation,
+    causes: dict[str, float],
+    quality: PoseQuality | None,
+) -> tuple[str, str]:
+    """The reason, and what would make it better."""
+    name, cost = next(iter(causes.items()))
+    worst = _COSTS.get(name, {"motion": "motion blur"}.get(name, name))
+    words = f"{deviation.sentence[0].upper()}{deviation.sentence[1:]}."
+    if quality is not None:
+        words += (
+            f" d′ {quality.decisive_d_prime:.2f} of at least {quality.min_d_prime:g}; "
+            f"{100 * dprime_lost(quality):.0f} % is lost against the reference's pose."
+        )
+    if verdict != "go" and cost > GO_UP_TO:
+        words += f" What costs most: {worst}."
+    remedies = [
+        _REMEDIES[each] for each, value in causes.items() if each in _REMEDIES and value > 1
+    ]
+    steps = [arrow.words for arrow in deviation.arrows()]
+    told = ", then ".join(steps) if verdict != "go" else ""
+    return words, "; ".join(filter(None, (told, *remedies)))
+
+
+def _outline(
+    matrix: FloatArray, size: tuple[int, int], reference_size: tuple[int, int]
+) -> tuple[tuple[float, float], ...]:
+    width, height = reference_size
+    x, y = project(
+        np.asarray(np.linalg.inv(matrix), dtype=np.float64),
+        np.array([-0.5, width - 0.5, width - 0.5, -0.5]),
+        np.array([-0.5, -0.5, height - 0.5, height - 0.5]),
+    )
+    return tuple(
+        (float((one + 0.5) / size[0]), float((other + 0.5) / size[1]))
+        for one, other in zip(x, y, strict=True)
+    )

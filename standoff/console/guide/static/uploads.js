@@ -1,0 +1,88 @@
+// Photographs on their way: each is kept in the phone until the computer has it whole and verified.
+
+const PART_BYTES = 256 * 1024;
+const RETRY_MS = [500, 1000, 2000, 4000];
+
+const opened = new Promise((resolve, reject) => {
+  const asked = indexedDB.open("standoff-guide", 1);
+  asked.onupgradeneeded = () => asked.result.createObjectStore("waiting", { keyPath: "sha256" });
+  asked.onsuccess = () => resolve(asked.result);
+  asked.onerror = () => reject(asked.error);
+});
+
+async function stored(mode, work) {
+  const base = await opened;
+  return new Promise((resolve, reject) => {
+    const change = base.transaction("waiting", mode);
+    const asked = work(change.objectStore("waiting"));
+    change.oncomplete = () => resolve(asked.result);
+    change.onerror = change.onabort = () => reject(change.error);
+  });
+}
+
+const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+class Refused extends Error {}
+class NotHere extends Error {}
+
+async function asked(path, options) {
+  const answer = await fetch(path, options);
+  const document = await answer.json().catch(() => ({}));
+  if (answer.ok) return document;
+  if (answer.status === 404) throw new NotHere(document.text);
+  if (answer.status === 413 || answer.status === 422) throw new Refused(document.text);
+  throw new Error(document.text || `the computer answers ${answer.status}`);
+}
+
+async function send(waiting, progress) {
+  const { sha256, bytes, location, of } = waiting;
+  const facts = `bytes=${bytes.byteLength}&location=${location}&of=${encodeURIComponent(of)}`;
+  let { received, is_stored } = await asked(`/stills?sha256=${sha256}&${facts}`, { method: "POST" });
+  while (!is_stored) {
+    progress(received / bytes.byteLength);
+    const body = bytes.slice(received, received + PART_BYTES);
+    ({ received, is_stored } = await asked(`/stills/${sha256}?offset=${received}&${facts}`, { method: "PUT", body }));
+  }
+}
+
+let running = null;
+
+// Send all that waits, one after another; a lost link is tried again until it is back.
+export function sendWaiting(tell) {
+  running ??= (async () => {
+    const left = new Set(); // photographs of a reference that is not served now
+    for (;;) {
+      const all = await stored("readonly", (store) => store.getAll());
+      const waiting = all.find(({ sha256 }) => !left.has(sha256));
+      if (!waiting) break;
+      for (let attempt = 0; ; attempt += 1) {
+        try {
+          await send(waiting, (share) => tell({ share, words: "Sending the photograph." }));
+          break;
+        } catch (error) {
+          if (error instanceof NotHere) {
+            left.add(waiting.sha256);
+            break;
+          }
+          if (error instanceof Refused) {
+            tell({ fault: `The photograph was refused: ${error.message}` });
+            break;
+          }
+          tell({ words: `The link is lost (${error.message}). The photograph is kept here, and sent as soon as the link is back.` });
+          await pause(RETRY_MS[Math.min(attempt, RETRY_MS.length - 1)]);
+        }
+      }
+      if (!left.has(waiting.sha256)) await stored("readwrite", (store) => store.delete(waiting.sha256));
+    }
+    tell({ done: true });
+  })().finally(() => { running = null; });
+  return running;
+}
+
+// Keep a photograph (a Blob) in the phone, to be sent: of which reference, with its location or not.
+export async function keep(blob, facts) {
+  const bytes = await blob.arrayBuffer();
+  const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes));
+  const sha256 = Array.from(digest, (value) => value.toString(16).padStart(2, "0")).join("");
+  await stored("readwrite", (store) => store.put({ sha256, bytes, ...facts }));
+}

@@ -1,0 +1,200 @@
+"""The whole on a phone's screen: Chromium, whose camera plays an approach."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("starlette", reason="the console's extra is not installed")
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytest.importorskip("axe_playwright_python", reason="axe-playwright-python is not installed")
+
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, Request, Route, sync_playwright
+
+import standoff
+from tests.standoff.console.console_rig import CHROMIUM_OPTIONS, chromium_path, wait_until
+from tests.standoff.console.guide.fake_camera import SCREEN, SIZE, camera_options, write_film
+from tests.standoff.console.guide.scenes import Stills, wall
+from tests.standoff.console.guide.serving import ServedGuide, served_guide
+from tests.standoff.console.hub_fixtures import DEADLINE_S
+
+pytestmark = [pytest.mark.slow(minutes=1.0), pytest.mark.waits]
+
+APPROACH = [*np.linspace(0.2, 1, 20), *[1.0] * 40]
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    film = tmp_path_factory.mktemp("film") / "approach.mjpeg"
+    write_film(film, wall().resized(SIZE), APPROACH)
+    with sync_playwright() as playwright:
+        options = [*CHROMIUM_OPTIONS, *camera_options(film)]
+        opened = playwright.chromium.launch(executable_path=chromium_path(), args=options)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def guide(stills: Stills, tmp_path: Path) -> Iterator[ServedGuide]:
+    with served_guide(stills.reference, tmp_path / "guided") as made:
+        yield made
+
+
+@contextmanager
+def opened(browser: Browser, guide: ServedGuide, **options: Any) -> Iterator[Page]:
+    """A paired phone; a fault in a script of the page fails the test."""
+    faults: list[str] = []
+    context = browser.new_context(**SCREEN, **options)
+    try:
+        page = context.new_page()
+        page.set_default_timeout(1e3 * DEADLINE_S)
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.goto(guide.entry)
+        page.wait_for_selector("#start")
+        yield page
+    finally:
+        context.close()
+    assert faults == []
+
+
+def violations(page: Page) -> list[str]:
+    found = Axe().run(page).response["violations"]
+    return [
+        f"{fault['id']}: {node['target']}: {node['failureSummary']}"
+        for fault in found
+        for node in fault["nodes"]
+    ]
+
+
+def assert_fits(page: Page) -> None:
+    width = page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+    assert width[0] <= width[1]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_camera_guides_to_a_still_whose_changes_are_blinked(
+    browser: Browser, guide: ServedGuide, scheme: str
+) -> None:
+    with opened(browser, guide, color_scheme=scheme) as page:
+        assert violations(page) == []
+        assert_fits(page)
+        page.click("#use-camera")
+        page.wait_for_selector("#verdict.no >> text=further away")
+        assert 1 <= page.locator("#arrows li").count() <= 2
+        assert_fits(page)
+        page.wait_for_selector("#verdict.go")
+        assert violations(page) == []
+        assert page.locator("#arrows li").count() == 0
+        assert page.evaluate("window.guide.drawn") > 0
+        if scheme == "dark":
+            return
+        page.click("#shutter")
+        page.wait_for_selector(".still .tag.go")
+        page.wait_for_selector(".still .blink:visible")
+        hold = page.locator(".hold")
+        hold.dispatch_event("pointerdown")
+        assert page.locator(".pair.past .which").inner_text() == "before"
+        hold.dispatch_event("pointerup")
+        assert page.locator(".pair .which").inner_text() == "after"
+        assert violations(page) == []
+        assert_fits(page)
+        page.click("#end-camera")
+        assert page.is_visible("#start")
+    (record,) = guide.store.records()
+    assert standoff.verify_session(guide.store.folder / record.name).is_ok
+
+
+@pytest.fixture
+def not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is tested is how a still arrives."""
+    monkeypatch.setattr(
+        "standoff.console.guide._stills.StillStore._finish", lambda _store, record: record
+    )
+
+
+@pytest.mark.usefixtures("not_compared")
+def test_a_link_that_is_lost_loses_nothing(
+    browser: Browser, guide: ServedGuide, stills: Stills
+) -> None:
+    lost: list[str] = []
+
+    def lose_two(route: Route, request: Request) -> None:
+        if request.method == "PUT" and len(lost) < 2:
+            lost.append(request.url)
+            route.abort()
+        else:
+            route.continue_()
+
+    with opened(browser, guide) as page:
+        page.route("**/stills/**", lose_two)
+        page.set_input_files("#photograph", stills.again)
+        page.wait_for_selector(".still .tag.go")
+    assert len(lost) == 2
+    (record,) = guide.store.records()
+    kept = guide.store.folder / record.name / "results" / "photograph.jpg"
+    assert kept.read_bytes() == stills.again.read_bytes()
+
+
+@pytest.mark.usefixtures("not_compared")
+def test_a_phone_that_sleeps_sends_when_the_page_is_opened_again(
+    browser: Browser, guide: ServedGuide, stills: Stills
+) -> None:
+    with opened(browser, guide) as page:
+        page.route("**/stills/**", lambda route: route.abort())
+        page.set_input_files("#photograph", stills.again)
+        page.wait_for_selector("#sending-words >> text=kept here")
+        assert guide.store.records() == []
+        page.unroute("**/stills/**")
+        page.goto("about:blank")
+        page.goto(guide.url)
+        page.wait_for_selector(".still .tag.go")
+        waiting = """() => new Promise((resolve) => {
+            const asked = indexedDB.open("standoff-guide", 1);
+            asked.onsuccess = () => {
+                const store = asked.result.transaction("waiting").objectStore("waiting");
+                store.count().onsuccess = (event) => resolve(event.target.result);
+            };
+        })"""
+        wait_until(lambda: page.evaluate(waiting) == 0, "nothing waits in the phone any more")
+    assert len(guide.store.records()) == 1
+
+
+def test_of_several_references_the_one_that_the_camera_sees_is_opened(
+    browser: Browser, stills: Stills, tmp_path: Path
+) -> None:
+    references = stills.other, stills.reference
+    with served_guide(references[0], tmp_path, *references[1:]) as guide:
+        context = browser.new_context(**SCREEN)
+        try:
+            page = context.new_page()
+            page.set_default_timeout(1e3 * DEADLINE_S)
+            page.goto(guide.entry)
+            assert page.locator(".references li").count() == 2
+            assert violations(page) == []
+            assert_fits(page)
+            page.click("#find")
+            page.wait_for_selector("#start")
+            assert "reference.jpg" in page.inner_text("#start")
+            page.click("text=All references")
+            page.wait_for_selector("#find")
+        finally:
+            context.close()
+
+
+def test_without_the_code_the_page_asks_for_the_token(browser: Browser, guide: ServedGuide) -> None:
+    context = browser.new_context(**SCREEN)
+    try:
+        page = context.new_page()
+        page.goto(guide.url)
+        assert "not paired" in page.inner_text("main")
+        assert violations(page) == []
+        page.fill("#token", "a wrong token")
+        page.click("button")
+        assert "Wrong token" in page.inner_text("main")
+    finally:
+        context.close()
