@@ -184,7 +184,7 @@ class ReportFront:
     """What a reader needs first: the verdict, what was measured with what, and what to beware of.
 
     ``outcome`` is pass, fail, unsure, or none without limits; ``verdict`` says it in a sentence
-    after ``label``, by default the outcome itself.
+    after ``label``, by default the outcome itself. Without limits and a label there is no banner.
     """
 
     outcome: Literal["pass", "fail", "unsure", "none"]
@@ -192,6 +192,11 @@ class ReportFront:
     facts: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...] = ()
     label: str = ""
+
+    @property
+    def has_banner(self) -> bool:
+        """Whether there is a verdict to show."""
+        return self.outcome != "none" or bool(self.label)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@ from ._information import (
     information_bits_per_px as information_bits_per_px,
 )
 from ._quanta import (
+    ROSE_SNR as ROSE_SNR,
     Bar as Bar,
     Disc as Disc,
     GaussianSpot as GaussianSpot,

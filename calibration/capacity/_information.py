@@ -1,9 +1,11 @@
 """Shannon's information capacity of a camera, in bits a pixel.
 
-A photograph is a channel with noise: ``C = integral log2(1 + S(f) / N(f))`` over its band, with the
-signal power S and the noise power N. A signal that takes all levels of a range V equally often has
-the variance ``V^2 / 12``; spread evenly over the band of the sampling it has
-``S(f) = V^2 H(f)^2 / 12`` behind the transfer H of lens and pixel.
+A photograph is a channel with noise. Of a real signal each frequency and its negative are one, and
+so the capacity is half of the integral over both, ``C = 1/2 integral log2(1 + S(f) / N(f))``, with
+the signal power S and the noise power N; a pixel whose S / N is 3 at all frequencies carries 1 bit.
+A signal that takes all levels of a range V equally often has the variance ``V^2 / 12``; spread
+evenly over the band of the sampling it has ``S(f) = V^2 H(f)^2 / 12`` behind the transfer H of lens
+and pixel.
 
 References
 ----------
@@ -37,25 +39,25 @@ def information_bits_per_px(camera: SignalAndNoise, range_dn: float) -> float:
     Returns
     -------
     float
-        Bits a pixel: the integral over the square of frequencies that the sampling passes.
+        Bits a pixel, over the square of frequencies that the sampling passes.
     """
     _refuse_range(range_dn)
-    freq, weight = _nodes()
+    freq, weight = _nodes()  # fy above 0 alone is the half of the plane
     fx = np.concatenate([-freq[::-1], freq])[None, :]
     weights = weight[:, None] * np.concatenate([weight[::-1], weight])
     power = range_dn**2 / 12 * np.asarray(camera.transfer(fx, freq[:, None])) ** 2
     bits = np.log2(1 + power / camera.noise.at(fx, freq[:, None]))
-    return 2.0 * float(np.sum(weights * bits))
+    return float(np.sum(weights * bits))
 
 
 def edge_information_bits_per_px(
     mtf: Callable[[FloatArray], FloatArray], range_dn: float, noise_dn: float
 ) -> float:
-    """Return the capacity by a single edge, as Koren's method for slanted edges has it.
+    """Return the capacity by a single edge, as in Koren's method for slanted edges.
 
     The edge gives the MTF, the range between its levels and, by the scatter of the pixels beside
     and across it, the noise, taken as white. A lens that is round passes
-    ``2 pi integral log2(1 + V^2 MTF^2 / (12 N)) f df`` from 0 to 0.5 cy/px: a disc, 0.785 of the
+    ``pi integral log2(1 + V^2 MTF^2 / (12 N)) f df`` from 0 to 0.5 cy/px: a disc, 0.785 of the
     square of frequencies that the sampling passes.
 
     Parameters
@@ -77,7 +79,7 @@ def edge_information_bits_per_px(
         raise ValueError(f"noise_dn must be positive, got {noise_dn}")
     freq, weight = _nodes()
     ratio = (range_dn * np.asarray(mtf(freq)) / noise_dn) ** 2 / 12
-    return 2 * pi * float(np.sum(weight * freq * np.log2(1 + ratio)))
+    return pi * float(np.sum(weight * freq * np.log2(1 + ratio)))
 
 
 def _nodes() -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ and Myers, "Foundations of image science", Wiley, 2004, section 13.2.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import ceil, inf, pi, sqrt
-from typing import Protocol, TypeAlias
+from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,11 +28,10 @@ from simulation.arrays import FloatArray
 Transfer: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 """Transfer of lens and pixel, 1 at 0, at frequencies along x and y in cy/px; the two broadcast."""
 
-_NYQUIST = 0.5
 _FARTHEST_CY_PER_PX = 1.5  # beyond, the square pixel alone has passed its first zero
 _PANEL_CY_PER_PX = 0.25
 _NODES = 6  # of Gauss and Legendre in each panel
-_ROSE = 5.0
+ROSE_SNR: Final = 5.0
 """The SNR at which an object is seen nearly surely: A. Rose, "The sensitivity performance of the
 human eye on an absolute scale", J. Opt. Soc. Am. 38, 1948, 196."""
 _SAME = 1e-12
@@ -223,7 +222,7 @@ def ideal_observer_snr(
 
 
 def threshold_contrast(
-    camera: SignalAndNoise, target: DetectionTarget, snr: float = _ROSE
+    camera: SignalAndNoise, target: DetectionTarget, snr: float = ROSE_SNR
 ) -> float:
     """Return the contrast at which an ideal observer sees an object with an SNR, by default 5."""
     return snr / ideal_observer_snr(camera, target)

@@ -25,6 +25,7 @@ from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement, EdgeSfr
 from calibration.estimate import Estimate
 from calibration.robust import robust_sigma
+from calibration.sharpness._resolution import reported_mtf50
 from simulation.arrays import FloatArray
 
 NYQUIST: Final = 0.5
@@ -77,19 +78,18 @@ FIGURE_NAMES: Final = tuple(EdgeFigures.model_fields)
 
 
 def edge_figures(edge: EdgeMeasurement) -> EdgeFigures:
-    """Return the figures of an edge whose e-SFR is at hand; of another, none.
+    """Return the figures of an edge; of one without an e-SFR, only MTF50 of its fitted Gaussian.
 
-    What uneven light and JPEG compression add to the error of MTF50 is in the errors of the other
-    frequencies in proportion.
+    MTF50 is that of `reported_mtf50`. What uneven light and JPEG compression add to its error is in
+    the errors of the other frequencies in proportion.
     """
+    half = reported_mtf50(edge)
+    mtf50 = MeasuredValue(value=half.cy_per_px, err=half.err_cy_per_px or 0.0)
     if edge.esfr is None:
-        return EdgeFigures()
-    return _Read(esfr=edge.esfr, sigma_px=edge.sigma_px, mtf50=_mtf50(edge)).figures()
-
-
-def _mtf50(edge: EdgeMeasurement) -> MeasuredValue | None:
-    value, err = edge.esfr_mtf50_cy_per_px, edge.esfr_mtf50_err_cy_per_px
-    return None if value is None or err is None else MeasuredValue(value=value, err=err)
+        return EdgeFigures(mtf50_cy_per_px=mtf50)
+    return _Read(
+        esfr=edge.esfr, sigma_px=edge.sigma_px, mtf50=mtf50, is_model_free=half.is_model_free
+    ).figures()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,7 +98,8 @@ class _Read:
 
     esfr: EdgeSfr
     sigma_px: float
-    mtf50: MeasuredValue | None
+    mtf50: MeasuredValue
+    is_model_free: bool
 
     def figures(self) -> EdgeFigures:
         """All figures."""
@@ -122,7 +123,7 @@ class _Read:
     @cached_property
     def _widened(self) -> float:
         """How many times the pixels' noise the error of MTF50 is."""
-        if self.mtf50 is None:
+        if not self.is_model_free:
             return 1.0
         by_noise = self._frequency_err(self.mtf50.value)
         return max(self.mtf50.err / by_noise, 1.0) if by_noise else 1.0

@@ -20,11 +20,11 @@ def flat(fx: FloatArray, fy: FloatArray) -> FloatArray:
 
 
 def test_a_perfect_lens_passes_what_shannon_says() -> None:
-    # All of the band has the same S / N: here 3, which is 2 bits a pixel.
+    # All of the band has the same S / N: here 3, which is 1 bit a pixel, log2(4) / 2.
     noise = NoisePower(variance_dn2=100.0)
     camera = SignalAndNoise(transfer=flat, noise=noise, signal_dn=1.0)
-    assert information_bits_per_px(camera, 60.0) == pytest.approx(2.0)
-    assert edge_information_bits_per_px(np.ones_like, 60.0, 10.0) == pytest.approx(2.0 * pi / 4)
+    assert information_bits_per_px(camera, 60.0) == pytest.approx(1.0)
+    assert edge_information_bits_per_px(np.ones_like, 60.0, 10.0) == pytest.approx(pi / 4)
 
 
 def test_a_gaussian_lens_passes_what_the_dilogarithm_says() -> None:
@@ -34,7 +34,7 @@ def test_a_gaussian_lens_passes_what_the_dilogarithm_says() -> None:
     def dilog(value: float) -> float:
         return float(spence(1 - value))
 
-    closed = pi / (fall * log(2)) * (dilog(-most * exp(-fall / 4)) - dilog(-most))
+    closed = 0.5 * pi / (fall * log(2)) * (dilog(-most * exp(-fall / 4)) - dilog(-most))
     found = edge_information_bits_per_px(
         lambda freq: np.exp(-2 * pi**2 * sigma_px**2 * freq**2), range_dn, noise_dn
     )
@@ -63,7 +63,7 @@ def test_noise_that_is_not_white_is_weighed_by_frequency() -> None:
         shape=(1.8, 1.8, 0.2, 0.2),
     )
     camera = SignalAndNoise(transfer=flat, noise=noise, signal_dn=1.0)
-    expected = 0.5 * (np.log2(1 + 3 / 1.8) + np.log2(1 + 3 / 0.2))
+    expected = 0.25 * (np.log2(1 + 3 / 1.8) + np.log2(1 + 3 / 0.2))
     assert information_bits_per_px(camera, 60.0) == pytest.approx(expected, rel=5e-3)  # a step
 
 
