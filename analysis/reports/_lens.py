@@ -197,6 +197,7 @@ def _sharpness_section(lens: LensMeasurement) -> ReportSection:
         "contrast, which sharpening raises less. Over- and undershoot: of the median edge profile "
         "beyond its flat ends, over their difference.",
         None if height is None else f"Picture height (PH): {height} px.",
+        *_by_gaussian(lens),
         sentence,
         _sharpness_table(lens),
         ReportFigure.of(
@@ -211,6 +212,17 @@ def _sharpness_section(lens: LensMeasurement) -> ReportSection:
             "Edge profile, median over the edges, 0 and 1 its flat ends, with its 95 % band.",
         ),
     )
+
+
+def _by_gaussian(lens: LensMeasurement) -> Iterator[str]:
+    count = sum(
+        not edge.figures.is_model_free for edge in lens.edges if edge.colour == lens.main.colour
+    )
+    if count:
+        yield (
+            f"{count} of {lens.main.edges} edges do not determine an e-SFR with an error (too "
+            "short, or along the rows or columns of the pixels): the fitted Gaussian stands in."
+        )
 
 
 def _sharpness_table(lens: LensMeasurement) -> ReportTable:
@@ -375,7 +387,7 @@ def _edges_section(lens: LensMeasurement) -> ReportSection:
     )
     rows = tuple(
         (
-            names[(one.image, one.x_px, one.y_px)],
+            names[(one.image, one.x_px, one.y_px)] + " *" * (not one.figures.is_model_free),
             *(
                 "" if known is None else with_reach(known.value, NORMAL_95 * known.err, 3)
                 for known in (getattr(one.figures, key) for key in keys)
@@ -392,7 +404,8 @@ def _edges_section(lens: LensMeasurement) -> ReportSection:
             " the CSV file has all, in every colour and unit."
             if is_cut
             else " The CSV file has them in every colour and unit."
-        ),
+        )
+        + " *: of the fitted Gaussian." * any(not one.figures.is_model_free for one in shown),
         ReportTable(columns=("edge", *columns), rows=rows),
         is_folded=True,
     )

@@ -179,8 +179,8 @@ def _sheet_parts(noise: NoiseMeasurement) -> tuple[str | ReportTable | None, ...
         ReportTable(
             columns=("", "symbol", "value", "unit"),
             rows=rows,
-            caption="Patterns are those of maps averaged over captures, with defect pixels, "
-            "structures larger than about 12 px and the temporal noise left in them removed.",
+            caption="Patterns are those of maps averaged over captures, without defect pixels and "
+            "the temporal noise left in them; of the response, without shading.",
         ),
     )
 

@@ -20,6 +20,7 @@ from ._pattern import (
     PatternSpectra as PatternSpectra,
     pattern_parts as pattern_parts,
     pattern_spectra as pattern_spectra,
+    share_passed as share_passed,
 )
 from ._photon_transfer import (
     LevelNoise as LevelNoise,

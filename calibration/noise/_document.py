@@ -25,6 +25,7 @@ from calibration.noise._pattern import (
     PatternSpectra,
     pattern_parts,
     pattern_spectra,
+    share_passed,
 )
 from calibration.noise._photon_transfer import LevelSample, PhotonTransfer
 from calibration.robust import robust_sigma
@@ -171,23 +172,25 @@ def nonuniformity(
 ) -> Nonuniformity:
     """Measure DSNU, PRNU and shading on the maps.
 
-    Defects are left out, and the temporal noise left in the maps is subtracted.
+    Defects are left out, and the temporal noise left in the maps is subtracted. Shading is of the
+    light and the lens as well, and so the response is taken relative to its surroundings.
 
     References
     ----------
-    EMVA Standard 1288, release 4.0 linear, 2021, section 8: variances after high-pass filtering.
+    EMVA Standard 1288, release 4.0 linear, 2021, section 8: the variance of the whole dark image,
+    and that of the response after high-pass filtering.
     """
     sound = ~maps.is_defect
     from scipy.ndimage import gaussian_filter  # a quarter of a second, where maps are measured
 
     smooth = gaussian_filter(_filled(maps.response.astype(np.float64), maps.is_defect),
                              _SHADING_SIGMA_PX, mode="nearest")  # fmt: skip
-    level = gaussian_filter(_filled(maps.dark_dn.astype(np.float64), maps.is_defect),
-                            _SHADING_SIGMA_PX, mode="nearest")  # fmt: skip
-    dark, response = maps.dark_dn - level, maps.response / smooth - 1.0
+    dark = maps.dark_dn.astype(np.float64)
+    dark, response = dark - dark[sound].mean(), maps.response / smooth - 1.0
+    passed = share_passed(_SHADING_SIGMA_PX)
     return Nonuniformity(
         dark_parts_dn=pattern_parts(dark, sound, dark_variance_dn2),
-        response_parts=pattern_parts(response, sound, response_variance),
+        response_parts=pattern_parts(response, sound, response_variance, passed),
         dark_spectra_dn=pattern_spectra(dark, sound, dark_variance_dn2),
         response_spectra=pattern_spectra(response, sound, response_variance),
         shading=float(np.ptp(smooth) / smooth.mean()),

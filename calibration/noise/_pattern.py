@@ -7,7 +7,7 @@ of rows, columns and pixels, and its spectrograms along both axes.
 """
 
 from dataclasses import dataclass, field
-from math import sqrt
+from math import ceil, sqrt
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class PatternSpectra(ByValue):
 
 
 def pattern_parts(
-    deviation: FloatArray, sound: BoolArray, temporal_variance: float
+    deviation: FloatArray, sound: BoolArray, temporal_variance: float, passed: float = 1.0
 ) -> PatternParts:
     """Split the variance of a pattern into that of rows, of columns and of single pixels.
 
@@ -53,6 +53,9 @@ def pattern_parts(
         Pixels without a defect; the others do not count.
     temporal_variance
         What temporal noise adds to each pixel; it is subtracted.
+    passed
+        Share of the variance of rows and of columns that a high-pass has left, see
+        `share_passed`; what it took is added again.
 
     Notes
     -----
@@ -65,12 +68,20 @@ def pattern_parts(
     free = 1 - 1 / rows - 1 / cols
     single = max(whole - by_row - by_column, 0.0) / free
     parts = (
-        max(by_row - single / cols, 0.0),
-        max(by_column - single / rows, 0.0),
+        max(by_row - single / cols, 0.0) / passed,
+        max(by_column - single / rows, 0.0) / passed,
         max(single - temporal_variance, 0.0),
     )
     in_rows, in_columns, in_pixels = (sqrt(variance) for variance in parts)
     return PatternParts(total=sqrt(sum(parts)), rows=in_rows, columns=in_columns, pixels=in_pixels)
+
+
+def share_passed(sigma_px: float) -> float:
+    """Share of white noise along one axis that is left without its mean by a Gaussian window."""
+    reach = np.arange(-ceil(6 * sigma_px), ceil(6 * sigma_px) + 1)
+    weight = np.exp(-0.5 * (reach / sigma_px) ** 2)
+    weight /= weight.sum()
+    return float(1 - 2 * weight.max() + np.sum(weight**2))
 
 
 def _variance_of_means(deviation: FloatArray, sound: BoolArray, axis: int) -> float:

@@ -15,7 +15,7 @@ half the largest contrast, is Imatest's: sharpening raises it less than MTF50.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi, sqrt
+from math import cos, pi, sin, sqrt
 from typing import Final
 
 import numpy as np
@@ -55,12 +55,13 @@ class MeasuredValue(StoredModel):
 
 
 class EdgeFigures(StoredModel):
-    """Figures of one edge; None where the edge does not determine one.
+    """Figures of one edge, or of several; None where the edges do not determine one.
 
     ``mtf50p_cy_per_px``: where half of the largest contrast is left; ``mtf20_..``, ``mtf10_..``: a
     fifth and a tenth of that at frequency 0. ``mtf_at_nyquist``, ``mtf_at_half_nyquist``: contrast
     at 0.5 and 0.25 cy/px. ``overshoot``, ``undershoot``: of the edge profile beyond its bright and
-    its dark level, over their difference. ``rise_px``: distance from 10 to 90 %.
+    its dark level, over their difference. ``rise_px``: distance from 10 to 90 %. Those of the
+    fitted Gaussian are not ``is_model_free``.
     """
 
     mtf50_cy_per_px: MeasuredValue | None = None
@@ -72,24 +73,62 @@ class EdgeFigures(StoredModel):
     overshoot: MeasuredValue | None = None
     undershoot: MeasuredValue | None = None
     rise_px: MeasuredValue | None = None
+    is_model_free: bool = True
 
 
-FIGURE_NAMES: Final = tuple(EdgeFigures.model_fields)
+FIGURE_NAMES: Final = tuple(name for name in EdgeFigures.model_fields if name != "is_model_free")
 
 
 def edge_figures(edge: EdgeMeasurement) -> EdgeFigures:
-    """Return the figures of an edge; of one without an e-SFR, only MTF50 of its fitted Gaussian.
+    """Return the figures of an edge, by the rule of `reported_mtf50`.
 
-    MTF50 is that of `reported_mtf50`. What uneven light and JPEG compression add to its error is in
-    the errors of the other frequencies in proportion.
+    They are those of its e-SFR; of an edge without one those of its fitted Gaussian, with no over-
+    and undershoot. What uneven light and JPEG compression add to the error of MTF50 is in the
+    errors of the other figures in proportion.
     """
     half = reported_mtf50(edge)
     mtf50 = MeasuredValue(value=half.cy_per_px, err=half.err_cy_per_px or 0.0)
-    if edge.esfr is None:
-        return EdgeFigures(mtf50_cy_per_px=mtf50)
-    return _Read(
-        esfr=edge.esfr, sigma_px=edge.sigma_px, mtf50=mtf50, is_model_free=half.is_model_free
-    ).figures()
+    if edge.esfr is None or not half.is_model_free:
+        return _of_gaussian(edge, mtf50)
+    return _Read(esfr=edge.esfr, sigma_px=edge.sigma_px, mtf50=mtf50).figures()
+
+
+def _of_gaussian(edge: EdgeMeasurement, mtf50: MeasuredValue) -> EdgeFigures:
+    """Figures of the Gaussian that was fitted, before the pixel's square if it has one."""
+    cosine, sine = cos(edge.normal_rad), sin(edge.normal_rad)
+    optical = edge.optical_sigma_px
+
+    def contrast(freq: FloatArray) -> FloatArray:
+        if optical is None:
+            return np.asarray(np.exp(-2 * (pi * edge.sigma_px * freq) ** 2))
+        lens = np.exp(-2 * (pi * optical * freq) ** 2)
+        return np.asarray(lens * np.sinc(freq * cosine) * np.sinc(freq * sine))
+
+    relative = mtf50.err / mtf50.value  # of the width, and of every frequency
+
+    def falls_to(level: float) -> MeasuredValue | None:
+        below = np.flatnonzero(contrast(_GRID) < level)
+        if below.size == 0:
+            return None
+        high, low = contrast(_GRID[below[0] - 1 : below[0] + 1]).tolist()
+        freq = float(_GRID[below[0] - 1] + _STEP_CY_PER_PX * (high - level) / (high - low))
+        return MeasuredValue(value=freq, err=freq * relative)
+
+    def contrast_at(freq: float) -> MeasuredValue:
+        here, wider = contrast(np.array([freq, freq * (1 + _SLOPE_STEP)])).tolist()
+        return MeasuredValue(value=here, err=abs(wider - here) / _SLOPE_STEP * relative)
+
+    rise = float(ndtri(_RISES_TO) - ndtri(_RISES_FROM))
+    return EdgeFigures(
+        mtf50_cy_per_px=mtf50,
+        mtf50p_cy_per_px=mtf50,
+        mtf20_cy_per_px=falls_to(0.2),
+        mtf10_cy_per_px=falls_to(0.1),
+        mtf_at_half_nyquist=contrast_at(0.5 * NYQUIST),
+        mtf_at_nyquist=contrast_at(NYQUIST),
+        rise_px=MeasuredValue(value=rise * edge.sigma_px, err=rise * edge.sigma_err_px),
+        is_model_free=False,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,7 +138,6 @@ class _Read:
     esfr: EdgeSfr
     sigma_px: float
     mtf50: MeasuredValue
-    is_model_free: bool
 
     def figures(self) -> EdgeFigures:
         """All figures."""
@@ -123,8 +161,6 @@ class _Read:
     @cached_property
     def _widened(self) -> float:
         """How many times the pixels' noise the error of MTF50 is."""
-        if not self.is_model_free:
-            return 1.0
         by_noise = self._frequency_err(self.mtf50.value)
         return max(self.mtf50.err / by_noise, 1.0) if by_noise else 1.0
 
@@ -261,7 +297,8 @@ def _median_err(curves: FloatArray, errs: FloatArray) -> FloatArray:
 
 def median_figures(figures: Sequence[EdgeFigures]) -> EdgeFigures:
     """Return the median of each figure over edges, with its error by noise and scatter."""
-    return EdgeFigures.model_validate(dict(_medians(figures)))
+    is_model_free = all(one.is_model_free for one in figures)
+    return EdgeFigures.model_validate({**dict(_medians(figures)), "is_model_free": is_model_free})
 
 
 def _medians(figures: Sequence[EdgeFigures]) -> Iterator[tuple[str, MeasuredValue | None]]:

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from scipy.ndimage import gaussian_filter
 
-from calibration.noise import pattern_parts, pattern_spectra
+from calibration.noise import pattern_parts, pattern_spectra, share_passed
 from simulation.arrays import FloatArray
 
 ROWS, COLS = 300, 400
@@ -45,6 +46,22 @@ def test_temporal_noise_and_defects_do_not_count() -> None:
     sound[7, 9] = False
     levels[7, 9] = 1e5
     assert pattern_parts(levels, sound, 9.0).pixels == pytest.approx(found.pixels, rel=1e-3)
+
+
+def test_what_a_high_pass_takes_from_rows_and_columns_is_added_again() -> None:
+    levels = pattern(2.0, 1.0, 4.0)
+    high = levels - gaussian_filter(levels, 12.0, mode="nearest")
+    found = pattern_parts(high, SOUND, 0.0, share_passed(12.0))
+    whole = pattern_parts(levels, SOUND, 0.0)
+    # 300 rows are 25 widths of the window: what it leaves of them scatters by a few per cent.
+    assert found.rows == pytest.approx(whole.rows, rel=0.03)
+    assert found.columns == pytest.approx(whole.columns, rel=0.03)
+
+
+def test_a_high_pass_leaves_what_its_window_does_not_average() -> None:
+    sigma_px = 12.0
+    closed = 1 - 2 / (sigma_px * np.sqrt(2 * np.pi)) + 1 / (2 * sigma_px * np.sqrt(np.pi))
+    assert share_passed(sigma_px) == pytest.approx(closed, rel=1e-6)
 
 
 @given(st.floats(0.1, 10.0))

@@ -121,12 +121,49 @@ def test_an_unsharpened_edge_in_noise_is_not_said_to_be_sharpened() -> None:
 
 
 def test_a_figure_that_an_edge_does_not_determine_is_none() -> None:
-    # Without an e-SFR there is only what stands in the measurement: the fitted Gaussian's MTF50.
-    of_gaussian = edge_figures(edge_of(mtf50_err_cy_per_px=0.004))
-    assert of_gaussian == EdgeFigures(mtf50_cy_per_px=MeasuredValue(value=0.27, err=0.004))
     assert sharpening_of([edge_of()]) is None
     sharp = edge_figures(edge(lambda distance: np.asarray(ndtr(distance / 0.25)), 0.0))
     assert sharp.mtf10_cy_per_px is None  # above a tenth at 1 cy/px
+
+
+def test_without_an_esfr_all_figures_are_those_of_the_fitted_gaussian() -> None:
+    sigma_px, half = 0.7, float(np.sqrt(np.log(2) / 2) / (np.pi * 0.7))
+    figures = edge_figures(
+        edge_of(
+            sigma_px=sigma_px,
+            sigma_err_px=0.007,
+            optical_sigma_px=None,
+            optical_sigma_err_px=None,
+            mtf50_cy_per_px=half,
+            mtf50_err_cy_per_px=0.01 * half,
+        )
+    )
+    assert not figures.is_model_free
+    assert figures.mtf50_cy_per_px == figures.mtf50p_cy_per_px
+    fifth = known(figures.mtf20_cy_per_px)
+    assert fifth.value == pytest.approx(np.sqrt(np.log(5) / np.log(2)) * half, rel=1e-4)
+    assert fifth.err == pytest.approx(0.01 * fifth.value)
+    at_nyquist = known(figures.mtf_at_nyquist)
+    assert at_nyquist.value == pytest.approx(transfer(0.5, 0.0))
+    # d ln C / d ln sigma = -4 pi^2 sigma^2 f^2.
+    slope = 4 * (np.pi * sigma_px * 0.5) ** 2
+    assert at_nyquist.err == pytest.approx(0.01 * slope * at_nyquist.value, rel=0.01)
+    assert known(figures.rise_px).value == pytest.approx(2.5631 * sigma_px, rel=1e-4)
+    assert figures.overshoot is None
+
+
+def test_both_ways_agree_on_a_gaussian() -> None:
+    measured_edge = edge(plain, 0.0)
+    by_esfr = edge_figures(measured_edge)
+    by_gaussian = edge_figures(
+        measured_edge.model_copy(
+            update={"esfr": None, "esfr_mtf50_cy_per_px": None, "esfr_mtf50_err_cy_per_px": None}
+        )
+    )
+    for name in ("mtf20_cy_per_px", "mtf10_cy_per_px", "mtf_at_nyquist", "rise_px"):
+        one, other = known(getattr(by_esfr, name)), known(getattr(by_gaussian, name))
+        # The fit takes a pixel's square for granted, which these edges have not.
+        assert one.value == pytest.approx(other.value, rel=0.03), name
 
 
 def test_the_median_over_edges_counts_those_that_have_the_figure() -> None:
