@@ -132,20 +132,20 @@ def _sheet_section(noise: NoiseMeasurement) -> ReportSection:
 
 def camera_section(noise: NoiseMeasurement) -> ReportSection:
     """Return the data sheet with all of its plots, on a page and a half."""
-    linearity, half_in = noise.transfer.linearity, 3.6
+    linearity, narrow_in = noise.transfer.linearity, 2.1
     return ReportSection.of(
         _SHEET,
         *_sheet_parts(noise),
         *noise.transfer.notes,
         ReportFigure.of(
-            _plot_photon_transfer(noise.transfer, half_in),
+            _plot_photon_transfer(noise.transfer, 2.9),
             "Photon transfer: variance of a frame against the light, fit and residuals.",
         ),
-        ReportFigure.of(_plot_snr(noise, half_in), _SNR_CAPTION),
+        ReportFigure.of(_plot_snr(noise, narrow_in), _SNR_CAPTION),
         None
         if linearity is None
         else ReportFigure.of(
-            _plot_linearity(linearity, half_in), "Deviation of the level from a line."
+            _plot_linearity(linearity, narrow_in), "Deviation of the level from a line."
         ),
         ReportFigure.of(
             _plot_spectra(noise),

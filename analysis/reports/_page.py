@@ -205,7 +205,8 @@ class Report:
 
     ``verdicts`` are the headline figures, ``provenance`` are names and values for the table at the
     end, ``origin`` is the provenance of the document that is reported: in the header, and its files
-    in the table. A report that ``has_uncertainties`` says under its title that all are at 95 %.
+    in the table, ``inputs_listed`` at most. A report that ``has_uncertainties`` says under its
+    title that all are at 95 %.
     """
 
     title: str
@@ -216,6 +217,7 @@ class Report:
     origin: Provenance | None = None
     front: ReportFront | None = None
     has_uncertainties: bool = True
+    inputs_listed: int = _INPUTS_LISTED
 
     @property
     def has_views(self) -> bool:
@@ -235,7 +237,7 @@ class Report:
             report=self,
             script=Markup(views_script()),  # noqa: S704 - a file of this package
             convention=CONVENTION if self.has_uncertainties else "",
-            provenance=(*_inputs(self.origin), *self.provenance),
+            provenance=(*_inputs(self.origin, self.inputs_listed), *self.provenance),
             encodings=encodings_text(self.origin),
             written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         )
@@ -341,11 +343,11 @@ def _unbroken(text: str) -> str:
     return text.replace(" %", "\u00a0%")
 
 
-def _inputs(origin: Provenance | None) -> tuple[tuple[str, str], ...]:
+def _inputs(origin: Provenance | None, most: int) -> tuple[tuple[str, str], ...]:
     files = () if origin is None else origin.inputs
-    rows = [(file.path, f"sha256 {file.sha256}") for file in files[:_INPUTS_LISTED]]
-    if len(files) > _INPUTS_LISTED:
-        rows.append(("and more", f"{len(files) - _INPUTS_LISTED} files, listed in the JSON file"))
+    rows = [(file.path, f"sha256 {file.sha256}") for file in files[:most]]
+    if len(files) > most:
+        rows.append(("and more", f"{len(files) - most} files, listed in the JSON file"))
     return tuple(rows)
 
 

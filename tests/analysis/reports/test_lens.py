@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from acquisition.files import InputFile, Provenance
 from analysis.reports import lens_report
+from calibration.edges import EdgeMeasurement
 from calibration.lens import (
+    Colour,
     LensMeasurement,
     SharpeningFigures,
     capacity_figures,
     colour_figures,
     figure_rows,
+    lateral_shifts,
 )
 from calibration.noise import (
     FrameGroup,
@@ -120,10 +124,60 @@ def test_the_data_sheet_is_on_the_page_where_there_are_darks_and_flats(
     assert sheet not in page_of(lens())[1].headings
 
 
+def all_of_it(noise: NoiseMeasurement) -> LensMeasurement:
+    """Four colours, limits, remarks, lateral chromatic aberration, many files and edges."""
+    found = lens(noise)
+    shifts = {
+        f"{colour}_shift_{end}": value
+        for colour, end, value in (
+            *(("red", "px", 0.1), ("red", "err_px", 0.01)),
+            *(("blue", "px", -0.1), ("blue", "err_px", 0.01)),
+        )
+    }
+    edges = tuple(
+        edge.moved(step, 1).model_copy(update=shifts)
+        for edge in found.psf.edges
+        for step in (0, 1, 2)
+    )
+    limits = SharpnessLimits.model_validate(
+        {
+            "mtf50": {"min_cy_per_px": 0.1, "min_lw_per_ph": 100, "centre_min_cy_per_px": 0.1},
+            "lateral_colour": {"max_px": 0.2},
+            "sigma": {"max_px": 1.0},
+        }
+    )
+    psf = found.psf.model_copy(update={"edges": edges}).judged(limits, "limits.toml")
+    colours: dict[Colour, tuple[EdgeMeasurement, ...]] = {
+        "luma": edges, "red": edges, "green": edges, "blue": edges,
+    }  # fmt: skip
+    medians, rows = colour_figures(colours)
+    files = tuple(InputFile(path=f"flats/{k}.tif", sha256=f"{k:064d}") for k in range(60))
+    return found.model_copy(
+        update={
+            "psf": psf,
+            "verdict": psf.verdict,
+            "colours": medians,
+            "edges": rows,
+            "lateral_colour": lateral_shifts(edges),
+            "pixel_pitch_um": 4.5,
+            "notes": tuple(f"remark {k} says what was assumed of a photograph" for k in range(7)),
+            "provenance": Provenance(
+                version="1.0.0",
+                created="2026-11-28T10:00:00Z",
+                command="standoff lens",
+                encoding="linear",
+                inputs=files,
+            ),
+        }
+    )
+
+
 @pytest.mark.slow
 def test_it_prints_on_at_most_eight_pages(noise: NoiseMeasurement) -> None:
     weasyprint = pytest.importorskip("weasyprint")
-    html, _ = page_of(lens(noise))
+    html, page = page_of(all_of_it(noise))
+    assert "Lateral colour" in page.headings
+    assert "52 files, listed in the JSON file" in page.text
     assert len(weasyprint.HTML(string=html).render().pages) <= 8
 
 
