@@ -133,8 +133,9 @@ def _headlines(lens: LensMeasurement) -> Iterator[Verdict]:
     if lens.capacity is not None:
         yield Verdict(
             "information",
-            f"{lens.capacity.bits_per_px:.2f} bits/px",
-            f"between the levels of the edges, {lens.capacity.range_dn:.0f} DN apart",
+            f"{lens.capacity.bits_per_px.value:.2f} bits/px",
+            f"{lens.capacity.bits_per_px.estimate.text(2)}; between the levels of the edges, "
+            f"{lens.capacity.range_dn:.0f} DN apart",
         )
     yield from _last_headline(lens)
 
@@ -312,7 +313,7 @@ def _information_section(capacity: CapacityFigures | None) -> ReportSection | No
     level, noise = f"{capacity.level_dn:.0f} DN", f"{capacity.noise_dn:.2f} DN"
     edge = capacity.edge_bits_per_px
     rows = [
-        ("by transfer and noise, all frequencies", f"{capacity.bits_per_px:.2f}"),
+        ("by transfer and noise, all frequencies", capacity.bits_per_px.estimate.text(2)),
         ("by edges alone (Koren)", "" if edge is None else edge.estimate.text(2)),
     ]
     if capacity.most_bits_per_px is not None:

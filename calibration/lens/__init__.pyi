@@ -10,6 +10,7 @@ from ._document import (
     LateralShift as LateralShift,
     LensMeasurement as LensMeasurement,
     SharpeningFigures as SharpeningFigures,
+    camera_figures as camera_figures,
     colour_figures as colour_figures,
     figure_rows as figure_rows,
     frequency_units as frequency_units,

@@ -1,6 +1,7 @@
 """Quanta, detection and information of a camera, from its calibrations or its edges alone."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import hypot, sqrt
 from typing import Final, Literal, NamedTuple
 
@@ -88,7 +89,7 @@ class CapacityFigures(StoredModel):
     detection: tuple[DetectionFigure, ...]
     edge_location_err_px: float
     edge_bits_per_px: MeasuredValue | None = None
-    bits_per_px: float
+    bits_per_px: MeasuredValue
     most_bits_per_px: float | None = None
     is_round: bool = False
 
@@ -127,7 +128,7 @@ def capacity_figures(
         detection=_detection(camera),
         edge_location_err_px=edge_location_err_px(camera, CONTRAST, EDGE_LENGTH_PX),
         edge_bits_per_px=_edge_bits(edges),
-        bits_per_px=information_bits_per_px(camera, light.range_dn),
+        bits_per_px=_bits(camera, light.range_dn),
         most_bits_per_px=_most_bits(camera, noise) if light.is_calibrated else None,
         is_round=transfer.is_round,
     )
@@ -293,6 +294,18 @@ def _edge_bits(edges: Sequence[EdgeMeasurement]) -> MeasuredValue | None:
         return None
     middle = float(np.median(found))
     return MeasuredValue(value=middle, err=middle * _scatter(found))
+
+
+def _bits(camera: SignalAndNoise, range_dn: float) -> MeasuredValue:
+    """Capacity, with its error by those of the noise and of the transfer."""
+    value = information_bits_per_px(camera, range_dn)
+    variance = camera.noise.variance_dn2 * (1 + camera.noise.relative_err) ** 2
+    noisier = replace(camera, noise=NoisePower(variance_dn2=variance))
+    err = value - information_bits_per_px(noisier, range_dn)
+    sharper = camera.sharper_by_err()
+    if sharper is not None:
+        err = hypot(err, information_bits_per_px(sharper, range_dn) - value)
+    return MeasuredValue(value=value, err=err)
 
 
 def _most_bits(camera: SignalAndNoise, noise: NoiseCalibration | None) -> float | None:

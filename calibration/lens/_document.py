@@ -9,6 +9,7 @@ from acquisition.dataframe import dataframe
 from acquisition.files import Provenance, StoredModel
 from calibration.documents import json_object
 from calibration.edges import AxisTransfer, EdgeMeasurement, mean_transfer
+from calibration.estimate import Estimate
 from calibration.lens._capacity import CapacityFigures
 from calibration.noise import NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration
@@ -226,6 +227,35 @@ def lateral_shifts(edges: Sequence[EdgeMeasurement]) -> tuple[LateralShift, ...]
     return tuple(found)
 
 
+def camera_figures(
+    sharpening: Sharpening | None,
+    capacity: CapacityFigures | None,
+    noise: NoiseMeasurement | None,
+) -> dict[str, Estimate]:
+    """Return the figures that a limits file bounds under ``[sharpening]`` and ``[camera]``."""
+    found: dict[str, Estimate] = {}
+    if sharpening is not None:
+        found["sharpening.max_overshoot"] = sharpening.overshoot
+        found["sharpening.max_undershoot"] = sharpening.undershoot
+    if capacity is not None:
+        quarter = capacity.freq_cy_per_px.index(0.25)
+        found["camera.min_neq_at_half_nyquist"] = Estimate(
+            value=capacity.neq[quarter], err=capacity.neq_err[quarter]
+        )
+        found["camera.min_information_bits_per_px"] = capacity.bits_per_px.estimate
+    if noise is not None:
+        sheet = noise.emva
+        found["camera.max_read_noise_e"] = Estimate(
+            value=sheet.dark_noise_e, err=sheet.dark_noise_err_e
+        )
+        for key, parts in (("max_prnu", sheet.prnu), ("max_dsnu_e", sheet.dsnu_e)):
+            found[f"camera.{key}"] = Estimate(value=parts.total, err=parts.err)
+        found["camera.min_dynamic_range_db"] = Estimate(
+            value=sheet.dynamic_range_db, err=sheet.dynamic_range_err_db
+        )
+    return found
+
+
 def figure_rows(lens: LensMeasurement) -> Iterator[dict[str, object]]:
     """Return every figure of a measurement as lines of a long table, with units and errors.
 
@@ -299,7 +329,7 @@ def _capacity_figures(
     if capacity.edge_bits_per_px is not None:
         known = capacity.edge_bits_per_px
         yield "information_by_edges", known.value, known.err, "bits/px"
-    yield "information", capacity.bits_per_px, None, "bits/px"
+    yield "information", capacity.bits_per_px.value, capacity.bits_per_px.err, "bits/px"
     if capacity.most_bits_per_px is not None:
         yield "information_of_full_range", capacity.most_bits_per_px, None, "bits/px"
 

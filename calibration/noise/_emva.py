@@ -10,7 +10,7 @@ EMVA Standard 1288, release 4.0 linear, 2021, sections 2, 3 and 9 (summary data 
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import hypot, log2, log10, sqrt
+from math import hypot, log, log2, log10, sqrt
 
 from calibration.noise._pattern import PatternParts
 from calibration.noise._photon_transfer import QUANTISATION_DN2, PhotonTransfer
@@ -78,6 +78,14 @@ class EmvaSheet:
         return 20 * log10(self.dynamic_range)
 
     @property
+    def dynamic_range_err_db(self) -> float:
+        """Standard error of the dynamic range in decibels."""
+        relative = hypot(
+            self.saturation_err_e / self.saturation_e, self.dark_noise_err_e / self.threshold_e
+        )
+        return 20 / log(10) * relative
+
+    @property
     def dynamic_range_bits(self) -> float:
         """The same in bits."""
         return log2(self.dynamic_range)
@@ -109,7 +117,10 @@ class EmvaSheet:
             name="saturation capacity", symbol="μ_e.sat", value=self.saturation_e, unit="e",
             err=self.saturation_err_e, digits=0,
         )  # fmt: skip
-        yield EmvaRow(name="dynamic range", symbol="DR", value=self.dynamic_range_db, unit="dB")
+        yield EmvaRow(
+            name="dynamic range", symbol="DR", value=self.dynamic_range_db, unit="dB",
+            err=self.dynamic_range_err_db,
+        )  # fmt: skip
         yield EmvaRow(name="", symbol="", value=self.dynamic_range_bits, unit="bits")
         yield from _pattern_rows("DSNU_1288", self.dsnu_e, "e", 1.0)
         yield from _pattern_rows("PRNU_1288", self.prnu, "%", 100.0)
@@ -130,13 +141,16 @@ def _pattern_rows(symbol: str, parts: PatternParts, unit: str, factor: float) ->
         "DSNU_1288": "dark signal nonuniformity",
         "PRNU_1288": "photo response nonuniformity",
     }
+    scaled = parts.scaled(factor)
+    yield EmvaRow(
+        name=names[symbol], symbol=symbol, value=scaled.total, unit=unit, err=scaled.err, digits=3
+    )
     for name, end, value in (
-        (names[symbol], "", parts.total),
-        ("of rows", ".row", parts.rows),
-        ("of columns", ".col", parts.columns),
-        ("of pixels", ".pixel", parts.pixels),
+        ("of rows", ".row", scaled.rows),
+        ("of columns", ".col", scaled.columns),
+        ("of pixels", ".pixel", scaled.pixels),
     ):
-        yield EmvaRow(name=name, symbol=f"{symbol}{end}", value=factor * value, unit=unit, digits=3)
+        yield EmvaRow(name=name, symbol=f"{symbol}{end}", value=value, unit=unit, digits=3)
 
 
 def emva_sheet(transfer: PhotonTransfer, dsnu_dn: PatternParts, prnu: PatternParts) -> EmvaSheet:
@@ -156,12 +170,7 @@ def emva_sheet(transfer: PhotonTransfer, dsnu_dn: PatternParts, prnu: PatternPar
         ),
         is_saturated=saturation.is_reached,
         threshold_e=rounded_e + 0.5,
-        dsnu_e=PatternParts(
-            total=gain * dsnu_dn.total,
-            rows=gain * dsnu_dn.rows,
-            columns=gain * dsnu_dn.columns,
-            pixels=gain * dsnu_dn.pixels,
-        ),
+        dsnu_e=dsnu_dn.scaled(gain),
         prnu=prnu,
         dark_current_e_per_s=dark.current_e_per_s,
         dark_current_err_e_per_s=dark.current_e_per_s_err,

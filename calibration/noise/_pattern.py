@@ -17,12 +17,26 @@ from simulation.by_value import ByValue
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PatternParts:
-    """Standard deviations of a fixed pattern: all of it, and what rows, columns and pixels add."""
+    """Standard deviations of a fixed pattern: all of it, and what rows, columns and pixels add.
+
+    ``err`` is the standard error of ``total`` as that of the population that the pixels are from.
+    """
 
     total: float
     rows: float
     columns: float
     pixels: float
+    err: float = 0.0
+
+    def scaled(self, factor: float) -> "PatternParts":
+        """Return the parts in another unit."""
+        return PatternParts(
+            total=factor * self.total,
+            rows=factor * self.rows,
+            columns=factor * self.columns,
+            pixels=factor * self.pixels,
+            err=factor * self.err,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,7 +87,15 @@ def pattern_parts(
         max(single - temporal_variance, 0.0),
     )
     in_rows, in_columns, in_pixels = (sqrt(variance) for variance in parts)
-    return PatternParts(total=sqrt(sum(parts)), rows=in_rows, columns=in_columns, pixels=in_pixels)
+    total = sqrt(sum(parts))
+    spread = parts[0] ** 2 / rows + parts[1] ** 2 / cols + single**2 / deviation.size
+    return PatternParts(
+        total=total,
+        rows=in_rows,
+        columns=in_columns,
+        pixels=in_pixels,
+        err=sqrt(2 * spread) / (2 * total) if total > 0 else 0.0,
+    )
 
 
 def share_passed(sigma_px: float) -> float:

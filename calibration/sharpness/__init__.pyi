@@ -15,6 +15,7 @@ from ._resolution import (
     with_sharpness as with_sharpness,
 )
 from ._verdict import (
+    CAMERA_TABLES as CAMERA_TABLES,
     MODEL_REMARK as MODEL_REMARK,
     VERDICT_COLUMNS as VERDICT_COLUMNS,
     Direction as Direction,

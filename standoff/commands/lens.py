@@ -154,7 +154,7 @@ def _show(found: LensMeasurement, wrote: str) -> None:
     if capacity is not None:
         disc = capacity.detection[1]
         terminal.say(
-            f"information: {capacity.bits_per_px:.2f} bits/px between levels "
+            f"information: {capacity.bits_per_px.value:.2f} bits/px between levels "
             f"{capacity.range_dn:.0f} DN apart; an ideal observer just sees a {disc.description} "
             f"of {100 * disc.threshold_contrast:.2g} % contrast"
         )

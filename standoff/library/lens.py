@@ -11,6 +11,7 @@ import numpy as np
 
 from acquisition.files import PAGES, require_writable, write_file, write_page
 from acquisition.photographs import ReadOptions
+from acquisition.printable import on_one_line
 from acquisition.session import Session
 from calibration.choices import Channel, Pattern
 from calibration.documents import write_document
@@ -20,6 +21,7 @@ from calibration.lens import (
     Colour,
     LensMeasurement,
     SharpeningFigures,
+    camera_figures,
     capacity_figures,
     colour_figures,
     figure_rows,
@@ -27,7 +29,7 @@ from calibration.lens import (
 )
 from calibration.noise import NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration, edge_records, mosaic_plane
-from calibration.sharpness import sharpening_of, with_sharpness
+from calibration.sharpness import read_limits, sharpening_of, with_sharpness
 from simulation.arguments import ArgumentError, checked
 from standoff.library.call import (
     Call,
@@ -157,13 +159,13 @@ def measure_lens(
         bayer=bayer,
     )
     call = Call("measure_lens", progress, reading, (noise, limits, bench), white_level)
+    bounds = None if limits is None else read_limits(Path(limits))
     known = _noise_of(given, {"darks": darks, "flats": flats}, noise, call, progress)
     psf = calibrate_psf(
         given.images,
         region=region,
         bayer=bayer,
         pixel_pitch_um=pixel_pitch_um,
-        limits=limits,
         labels=labels,
         bench=bench,
         white_level=white_level,
@@ -178,6 +180,9 @@ def measure_lens(
     capacity, remarks = (None, ()) if psf.channels else capacity_figures(psf, known.of(given))
     for remark in remarks:
         call.note(remark)
+    if bounds is not None and limits is not None:
+        figures = camera_figures(sharpening, capacity, known.measurement)
+        psf = psf.judged(bounds, on_one_line(limits), figures)
     lens = LensMeasurement(
         labels=psf.labels,
         picture_width_px=psf.picture_width_px,

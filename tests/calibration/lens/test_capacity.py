@@ -69,7 +69,9 @@ def test_information_is_that_of_the_levels_and_more_for_all_of_them() -> None:
     def bits(range_dn: float, variance: float) -> float:
         return 0.5 * float(np.mean(np.log2(1 + range_dn**2 / 12 * passed / variance)))
 
-    assert figures.bits_per_px == pytest.approx(bits(BRIGHT_DN - DARK_DN, NOISE_DN**2), rel=0.01)
+    assert figures.bits_per_px.value == pytest.approx(
+        bits(BRIGHT_DN - DARK_DN, NOISE_DN**2), rel=0.01
+    )
     whole_dn = SATURATION_DN - BLACK_DN
     middle = float(variance_dn2(BLACK_DN + whole_dn / 2))
     assert known(figures.most_bits_per_px) == pytest.approx(bits(whole_dn, middle), rel=0.01)

@@ -31,6 +31,12 @@ def test_rows_columns_and_pixels_are_told_apart() -> None:
     assert found.total == pytest.approx(np.sqrt(2.0**2 + 0.7**2 + 4.0**2), rel=0.04)
 
 
+def test_the_error_is_the_scatter_over_sensors() -> None:
+    totals = [pattern_parts(pattern(2.0, 0.7, 4.0, seed), SOUND, 0.0).total for seed in range(40)]
+    stated = pattern_parts(pattern(2.0, 0.7, 4.0), SOUND, 0.0).err
+    assert np.std(totals, ddof=1) == pytest.approx(stated, rel=0.35)  # of 40
+
+
 def test_pixels_alone_are_no_rows_and_no_columns() -> None:
     found = pattern_parts(pattern(0.0, 0.0, 4.0), SOUND, 0.0)
     # Row means scatter by 4 / sqrt(400) = 0.2 without a pattern; what is left is a share of that.

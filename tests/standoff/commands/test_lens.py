@@ -67,6 +67,27 @@ def test_a_session_gives_everything_on_one_page(command: Command, tmp_path: Path
 
 
 @pytest.mark.slow
+def test_limits_take_the_figures_of_the_camera(
+    command: Command, edge_file: Path, noise_file: Path, tmp_path: Path
+) -> None:
+    limits = tmp_path / "limits.toml"
+    limits.write_text(
+        "[sharpening]\nmax_overshoot = 0.05\n\n[camera]\nmin_information_bits_per_px = 60\n"
+        "max_prnu = 0.02\n"
+    )
+    lens = standoff.measure_lens(edge_file, noise=noise_file, limits=limits)
+    assert lens.verdict is not None
+    outcomes = {one.limit: one.outcome for one in lens.verdict.limits}
+    assert outcomes == {
+        "sharpening.max_overshoot": "pass",
+        "camera.min_information_bits_per_px": "fail",
+        "camera.max_prnu": "unsure",  # a noise.json has no frames
+    }
+    command.done("lens", edge_file, "--limits", limits, "--out", tmp_path / "lens.html")
+    assert "FAIL" in Page((tmp_path / "lens.html").read_text("utf-8")).text.upper()
+
+
+@pytest.mark.slow
 def test_frames_of_ones_own_give_the_data_sheet(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:
