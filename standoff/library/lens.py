@@ -177,7 +177,11 @@ def measure_lens(
     sources = given.sources(call)
     colours, edges = colour_figures(_edges_by_colour(given, psf, sources, call))
     sharpening = sharpening_of(psf.edges_used)
-    capacity, remarks = (None, ()) if psf.channels else capacity_figures(psf, known.of(given))
+    capacity, remarks = (
+        (None, ("no noise-equivalent quanta of raw mosaics: a colour has every second pixel",))
+        if psf.channels
+        else capacity_figures(psf, known.of(given))
+    )
     for remark in remarks:
         call.note(remark)
     if bounds is not None and limits is not None:

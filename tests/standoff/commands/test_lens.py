@@ -11,6 +11,7 @@ import tifffile
 import standoff
 from standoff.errors import ArgumentError
 from tests.analysis.html_page import Page
+from tests.calibration.closed_form import edge_image
 from tests.standoff.conftest import SMALL_BENCH, Command
 
 PLAN = """
@@ -137,6 +138,14 @@ def test_a_grey_photograph_stored_as_colour_has_one_colour(edge_file: Path) -> N
     lens = standoff.measure_lens(np.repeat(grey[:, :, np.newaxis], 3, axis=2))
     assert [one.colour for one in lens.colours] == ["grey"]
     assert lens.lateral_colour == ()
+
+
+def test_a_raw_mosaic_has_three_colours_and_no_quanta() -> None:
+    images = [edge_image(0.9, normal, shape=(260, 260)) for normal in (7.0, 97.0)]
+    lens = standoff.measure_lens(images, bayer="RGGB")
+    assert [one.colour for one in lens.colours] == ["green", "red", "blue"]
+    assert lens.capacity is None
+    assert any("no noise-equivalent quanta of raw mosaics" in note for note in lens.notes)
 
 
 def test_noise_and_frames_exclude_each_other(edge_file: Path, noise_file: Path) -> None:
