@@ -136,7 +136,6 @@ def camera_section(noise: NoiseMeasurement) -> ReportSection:
     return ReportSection.of(
         _SHEET,
         *_sheet_parts(noise),
-        *noise.transfer.notes,
         ReportFigure.of(
             _plot_photon_transfer(noise.transfer, 2.9),
             "Photon transfer: variance of a frame against the light, fit and residuals.",

@@ -14,5 +14,4 @@ from ._quanta import (
     edge_shift_snr as edge_shift_snr,
     ideal_observer_snr as ideal_observer_snr,
     noise_power_spectrum as noise_power_spectrum,
-    threshold_contrast as threshold_contrast,
 )

@@ -221,13 +221,6 @@ def ideal_observer_snr(
     return abs(contrast) * sqrt(2.0 * float(np.sum(weight * energy)))
 
 
-def threshold_contrast(
-    camera: SignalAndNoise, target: DetectionTarget, snr: float = ROSE_SNR
-) -> float:
-    """Return the contrast at which an ideal observer sees an object with an SNR, by default 5."""
-    return snr / ideal_observer_snr(camera, target)
-
-
 def edge_shift_snr(
     camera: SignalAndNoise, contrast: float, length_px: float, shift_px: float = 1.0
 ) -> float:

@@ -18,6 +18,7 @@ from calibration.documents import write_document
 from calibration.edges import EdgeImage, EdgeMeasurement, EdgeSelection, Region, plane_places
 from calibration.errors import LensFileError
 from calibration.lens import (
+    CapacityFigures,
     Colour,
     LensMeasurement,
     SharpeningFigures,
@@ -160,6 +161,8 @@ def measure_lens(
     )
     call = Call("measure_lens", progress, reading, (noise, limits, bench), white_level)
     bounds = None if limits is None else read_limits(Path(limits))
+    if isinstance(given.images, Session):
+        call.inputs.add_session(given.images)
     known = _noise_of(given, {"darks": darks, "flats": flats}, noise, call, progress)
     psf = calibrate_psf(
         given.images,
@@ -172,18 +175,13 @@ def measure_lens(
         reading=reading,
         progress=progress,
     )
-    for remark in psf.notes:
+    measured = () if known.measurement is None else known.measurement.transfer.notes
+    for remark in (*psf.notes, *measured):
         call.announce(remark)
     sources = given.sources(call)
     colours, edges = colour_figures(_edges_by_colour(given, psf, sources, call))
     sharpening = sharpening_of(psf.edges_used)
-    capacity, remarks = (
-        (None, ("no noise-equivalent quanta of raw mosaics: a colour has every second pixel",))
-        if psf.channels
-        else capacity_figures(psf, known.of(given))
-    )
-    for remark in remarks:
-        call.note(remark)
+    capacity = _capacity_of(psf, known.of(given), call)
     if bounds is not None and limits is not None:
         figures = camera_figures(sharpening, capacity, known.measurement)
         psf = psf.judged(bounds, on_one_line(limits), figures)
@@ -237,6 +235,19 @@ def _noise_of(
             return _Noise(calibration=found.calibration, measurement=found)
         call.note("the session has no darks and flats: noise is that of the edges alone")
     return _Noise()
+
+
+def _capacity_of(
+    psf: PsfCalibration, noise: NoiseCalibration | None, call: Call
+) -> CapacityFigures | None:
+    """Return quanta and information; of raw mosaics none."""
+    if psf.channels:
+        call.note("no noise-equivalent quanta of raw mosaics: a colour has every second pixel")
+        return None
+    capacity, remarks = capacity_figures(psf, noise)
+    for remark in remarks:
+        call.note(remark)
+    return capacity
 
 
 def _edges_by_colour(

@@ -18,7 +18,6 @@ from calibration.capacity import (
     edge_shift_snr,
     ideal_observer_snr,
     noise_power_spectrum,
-    threshold_contrast,
 )
 from simulation.arrays import FloatArray
 
@@ -87,12 +86,6 @@ def test_a_small_shift_of_an_edge_is_seen_by_the_error_of_its_place() -> None:
     shift_px = 0.01
     found = edge_shift_snr(camera(), 0.5, 80.0, shift_px)
     assert found == pytest.approx(shift_px / edge_location_err_px(camera(), 0.5, 80.0), rel=1e-4)
-
-
-def test_the_threshold_is_seen_with_an_snr_of_five() -> None:
-    disc = Disc(diameter_px=4.0)
-    contrast = threshold_contrast(camera(), disc)
-    assert ideal_observer_snr(camera(), disc, contrast) == pytest.approx(5.0)
 
 
 @given(st.floats(0.2, 30.0), st.floats(1.1, 5.0))

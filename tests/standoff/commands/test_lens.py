@@ -58,6 +58,7 @@ def test_a_session_gives_everything_on_one_page(command: Command, tmp_path: Path
     assert document["noise"]["read_noise_e"] == pytest.approx(14.0, rel=0.02)
     assert document["capacity"]["noise_from"] == "darks and flats"
     assert not document["sharpening"]["is_sharpened"]
+    assert [one["path"] for one in document["provenance"]["inputs"]]
     page = Page(out.read_text("utf-8"))
     assert "EMVA 1288 data sheet, linear model" in page.headings
     with (tmp_path / "lens.csv").open(encoding="utf-8", newline="") as table:
@@ -103,6 +104,8 @@ def test_frames_of_ones_own_give_the_data_sheet(
     document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
     assert document["noise"]["gain_e_per_dn"] == pytest.approx(4.0, rel=0.05)
     assert document["noise"]["read_noise_e"] == pytest.approx(6.0, rel=0.1)
+    page = Page(out.read_text("utf-8"))
+    assert any("so saturation is taken from the pixel format" in text for text in page.texts)
 
 
 def test_results_that_are_there_already_are_kept(
