@@ -42,6 +42,7 @@ def _plot_photon_transfer(transfer: PhotonTransfer, width_in: float = 6.4) -> Fi
     figure = new_figure(width_in, 0.4 * width_in + 1.84)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
     draw_photon_transfer(upper, transfer)
+    upper.set_ylabel("variance / DN²")
     expected = transfer.variance_dn2(light)
     lower.errorbar(
         light[fitted], 100 * (variance / expected - 1)[fitted],
@@ -63,7 +64,7 @@ def _plot_linearity(linearity: Linearity, width_in: float = 6.4) -> Figure:
     )
     axes.axhline(0, color=INK, linewidth=0.8)
     axes.margins(y=0.25)
-    axes.set(xlabel="level above black / DN", ylabel="deviation from line / %", xlim=(0, None))
+    axes.set(xlabel="above black / DN", ylabel="deviation from line / %", xlim=(0, None))
     return figure
 
 
@@ -158,7 +159,7 @@ def camera_section(noise: NoiseMeasurement) -> ReportSection:
 
 
 _SHEET = "EMVA 1288 data sheet, linear model"
-_SNR_CAPTION = "Signal-to-noise ratio of a pixel; dashed: of an ideal sensor."
+_SNR_CAPTION = "SNR of a pixel by temporal noise, and with its pattern; dashed: an ideal sensor."
 
 
 def _sheet_parts(noise: NoiseMeasurement) -> tuple[str | ReportTable | None, ...]:
@@ -192,15 +193,15 @@ def _plot_snr(noise: NoiseMeasurement, width_in: float = 6.4) -> Figure:
     temporal = np.sqrt(signal_e + (sheet.threshold_e - 0.5) ** 2)
     pattern = np.hypot(sheet.dsnu_e.total, sheet.prnu.total * signal_e)
     figure, axes = new_plot(width_in, 2.8)
-    axes.loglog(signal_e, signal_e / temporal, color=BLUE, linewidth=1.4, label="temporal noise")
+    axes.loglog(signal_e, signal_e / temporal, color=BLUE, linewidth=1.4, label="temporal")
     axes.loglog(
         signal_e, signal_e / np.hypot(temporal, pattern), color=VERMILION, linewidth=1.2,
-        label="with nonuniformity",
+        label="with pattern",
     )  # fmt: skip
     axes.loglog(signal_e, np.sqrt(signal_e), color=INK, linewidth=0.8, linestyle="--")
     axes.axvline(sheet.threshold_e, color=POINTS, linewidth=0.8, linestyle=":")
     axes.set(xlabel="signal / e", ylabel="SNR")
-    axes.legend()
+    axes.legend(fontsize=8, handlelength=1.2)
     return figure
 
 
