@@ -162,12 +162,13 @@ class OpticsConfig(WrittenTable):
 
 
 class LabelsConfig(WrittenTable):
-    """``[labels]``: names of lens, camera, target and customer for the first page of reports."""
+    """``[labels]``: lens, camera, target, customer and operator for the first page of reports."""
 
     lens: str = ""
     camera: str = ""
     target: str = ""
     customer: str = ""
+    operator: str = ""
 
 
 class CaptureConfig(WrittenTable):

@@ -92,6 +92,10 @@ class NoiseError(CalibrationError):
         self.saturated = saturated
 
 
+class LensFileError(DocumentError):
+    """A lens.json or its table cannot be written."""
+
+
 class LimitsFileError(DocumentError):
     """A limits file cannot be read, has an unknown key, or sets no limit."""
 

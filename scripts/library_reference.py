@@ -81,14 +81,16 @@ _GROUPS = (
     ),
     _Group(
         file="camera",
-        title="Noise, geometry and studies",
-        about="[Noise](../../noise.md), [geometry](../../geometry.md), "
-        "[planning a study](../../plan-study.md).",
+        title="Noise, lens reports, geometry and studies",
+        about="[Noise](../../noise.md), [lens reports](../../lens-report.md), "
+        "[geometry](../../geometry.md), [planning a study](../../plan-study.md).",
         names=(
             "measure_noise",
             "write_noise",
             "read_noise",
             "read_correction",
+            "measure_lens",
+            "write_lens",
             "calibrate_geometry",
             "write_geometry",
             "read_geometry",

@@ -92,6 +92,7 @@ from calibration.geometry import (
     CharucoBoard as CharucoBoard,
     GeometryCalibration as GeometryCalibration,
 )
+from calibration.lens import LensMeasurement as LensMeasurement
 from calibration.noise import (
     CorrectionMaps as CorrectionMaps,
     NoiseCalibration as NoiseCalibration,
@@ -160,6 +161,7 @@ from .library.evaluation import (
 from .library.geometry import (
     calibrate_geometry as calibrate_geometry,
 )
+from .library.lens import measure_lens as measure_lens, write_lens as write_lens
 from .library.limit_options import DetectionLimitOptions as DetectionLimitOptions
 from .library.measured_curves import (
     MeasuredCurves as MeasuredCurves,

@@ -35,6 +35,7 @@ from ._geometry import (
     geometry_sections as geometry_sections,
     geometry_verdicts as geometry_verdicts,
 )
+from ._lens import lens_report as lens_report
 from ._noise import noise_report as noise_report
 from ._page import (
     Report as Report,

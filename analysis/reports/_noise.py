@@ -23,11 +23,11 @@ from calibration.noise import (
     PhotonTransfer,
     draw_photon_transfer,
 )
-from simulation.palette import BLUE, INK, VERMILION
+from simulation.palette import BLUE, INK, POINTS, VERMILION
 
 
 @in_report_style
-def _plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
+def _plot_photon_transfer(transfer: PhotonTransfer, width_in: float = 6.4) -> Figure:
     """Plot the variance of a frame against the light, the fit, and the residuals in percent."""
     black = transfer.dark.black_level_dn
     light = np.array([sample.mean_dn - black for sample in transfer.samples])
@@ -39,9 +39,10 @@ def _plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
         ]
     )
     fitted = np.array([sample.is_fitted for sample in transfer.samples])
-    figure = new_figure(6.4, 4.4)
+    figure = new_figure(width_in, 0.4 * width_in + 1.84)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
     draw_photon_transfer(upper, transfer)
+    upper.set_ylabel("variance / DN²")
     expected = transfer.variance_dn2(light)
     lower.errorbar(
         light[fitted], 100 * (variance / expected - 1)[fitted],
@@ -55,23 +56,23 @@ def _plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
 
 
 @in_report_style
-def _plot_linearity(linearity: Linearity) -> Figure:
+def _plot_linearity(linearity: Linearity, width_in: float = 6.4) -> Figure:
     """Plot the deviation of each level from a line through the exposures, in percent."""
-    figure, axes = new_plot(6.4, 2.6)
+    figure, axes = new_plot(width_in, 2.6)
     axes.plot(
         linearity.light_dn, 100 * np.array(linearity.deviations), "o", markersize=4, color=BLUE
     )
     axes.axhline(0, color=INK, linewidth=0.8)
     axes.margins(y=0.25)
-    axes.set(xlabel="level above black / DN", ylabel="deviation from line / %", xlim=(0, None))
+    axes.set(xlabel="above black / DN", ylabel="deviation from line / %", xlim=(0, None))
     return figure
 
 
 @in_report_style
-def _plot_maps(maps: CorrectionMaps) -> Figure:
+def _plot_maps(maps: CorrectionMaps, width_in: float = 7.2) -> Figure:
     """Show the dark and the flat map, with the defect pixels circled."""
     rows, cols = maps.dark_dn.shape
-    figure = new_figure(7.2, 3.3 * rows / cols + 0.6)
+    figure = new_figure(width_in, 0.46 * width_in * rows / cols + 0.6)
     y, x = np.nonzero(maps.defects)
     for axes, image, title in zip(
         figure.subplots(1, 2),
@@ -96,12 +97,7 @@ def noise_report(noise: NoiseMeasurement, source: str) -> Report:
         subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures"
         + (f", {known.captured_utc[:10]}" if known.captured_utc else ""),
         verdicts=_verdicts(noise),
-        sections=present(
-            _transfer_section(transfer),
-            _linearity_section(transfer.linearity),
-            _maps_section(noise),
-            _captures_section(transfer),
-        ),
+        sections=noise_sections(noise),
         provenance=(
             (
                 "camera",
@@ -113,6 +109,138 @@ def noise_report(noise: NoiseMeasurement, source: str) -> Report:
         ),
         origin=known.provenance,
     )
+
+
+def noise_sections(noise: NoiseMeasurement) -> tuple[ReportSection, ...]:
+    """Return the sections on a noise measurement, the data sheet first."""
+    return present(
+        _sheet_section(noise),
+        _transfer_section(noise.transfer),
+        _linearity_section(noise.transfer.linearity),
+        _pattern_section(noise),
+        _maps_section(noise),
+        _captures_section(noise.transfer),
+    )
+
+
+def _sheet_section(noise: NoiseMeasurement) -> ReportSection:
+    return ReportSection.of(
+        _SHEET,
+        *_sheet_parts(noise),
+        ReportFigure.of(_plot_snr(noise), _SNR_CAPTION),
+    )
+
+
+def camera_section(noise: NoiseMeasurement) -> ReportSection:
+    """Return the data sheet with all of its plots, on a page and a half."""
+    linearity, narrow_in = noise.transfer.linearity, 2.1
+    return ReportSection.of(
+        _SHEET,
+        *_sheet_parts(noise),
+        ReportFigure.of(
+            _plot_photon_transfer(noise.transfer, 2.9),
+            "Photon transfer: variance of a frame against the light, fit and residuals.",
+        ),
+        ReportFigure.of(_plot_snr(noise, narrow_in), _SNR_CAPTION),
+        None
+        if linearity is None
+        else ReportFigure.of(
+            _plot_linearity(linearity, narrow_in), "Deviation of the level from a line."
+        ),
+        ReportFigure.of(
+            _plot_spectra(noise),
+            "Spectra of the nonuniformity along rows and columns. Dotted: the temporal noise left "
+            "in the maps.",
+        ),
+        ReportFigure.of(
+            _plot_maps(noise.maps, 5.6), "Dark and flat map. Defects are circled.", "png"
+        ),
+    )
+
+
+_SHEET = "EMVA 1288 data sheet, linear model"
+_SNR_CAPTION = "SNR of a pixel by temporal noise, and with its pattern; dashed: an ideal sensor."
+
+
+def _sheet_parts(noise: NoiseMeasurement) -> tuple[str | ReportTable | None, ...]:
+    sheet = noise.emva
+    rows = tuple(
+        (
+            row.name,
+            row.symbol,
+            with_reach(row.value, None if row.err is None else NORMAL_95 * row.err, row.digits),
+            row.unit,
+        )
+        for row in sheet.rows()
+    )
+    return (
+        "Release 4. The light is not calibrated in photons: there is no quantum efficiency, and "
+        "what the standard states in photons is stated in electrons.",
+        ReportTable(
+            columns=("", "symbol", "value", "unit"),
+            rows=rows,
+            caption="Patterns are those of maps averaged over captures, without defect pixels and "
+            "the temporal noise left in them; of the response, without shading.",
+        ),
+    )
+
+
+@in_report_style
+def _plot_snr(noise: NoiseMeasurement, width_in: float = 6.4) -> Figure:
+    """Plot SNR against the signal: of one pixel over time, with all pixels, and of shot noise."""
+    sheet = noise.emva
+    signal_e = np.geomspace(max(0.5 * sheet.threshold_e, 0.1), sheet.saturation_e, 200)
+    temporal = np.sqrt(signal_e + (sheet.threshold_e - 0.5) ** 2)
+    pattern = np.hypot(sheet.dsnu_e.total, sheet.prnu.total * signal_e)
+    figure, axes = new_plot(width_in, 2.8)
+    axes.loglog(signal_e, signal_e / temporal, color=BLUE, linewidth=1.4, label="temporal")
+    axes.loglog(
+        signal_e, signal_e / np.hypot(temporal, pattern), color=VERMILION, linewidth=1.2,
+        label="with pattern",
+    )  # fmt: skip
+    axes.loglog(signal_e, np.sqrt(signal_e), color=INK, linewidth=0.8, linestyle="--")
+    axes.axvline(sheet.threshold_e, color=POINTS, linewidth=0.8, linestyle=":")
+    axes.set(xlabel="signal / e", ylabel="SNR")
+    axes.legend(fontsize=8, handlelength=1.2)
+    return figure
+
+
+def _pattern_section(noise: NoiseMeasurement) -> ReportSection:
+    return ReportSection.of(
+        "Nonuniformity spectra",
+        "A peak is a pattern that repeats: lines of a readout, or interference. White noise is a "
+        "level line.",
+        ReportFigure.of(
+            _plot_spectra(noise),
+            "Amplitude along rows and along columns. Dotted: the temporal noise left in the maps.",
+        ),
+    )
+
+
+@in_report_style
+def _plot_spectra(noise: NoiseMeasurement) -> Figure:
+    """Plot the spectra of DSNU and PRNU along both axes."""
+    gain, pixels = noise.transfer.gain_e_per_dn, noise.nonuniformity
+    figure = new_figure(7.2, 2.2)
+    for axes, spectra, factor, label in zip(
+        figure.subplots(1, 2),
+        (pixels.dark_spectra_dn, pixels.response_spectra),
+        (gain, 100.0),
+        ("DSNU / e", "PRNU / %"),
+        strict=True,
+    ):
+        axes.semilogy(
+            spectra.freq_x_cy_per_px[1:], factor * spectra.along_x[1:], color=BLUE, linewidth=0.8,
+            label="along rows",
+        )  # fmt: skip
+        axes.semilogy(
+            spectra.freq_y_cy_per_px[1:], factor * spectra.along_y[1:], color=VERMILION,
+            linewidth=0.8, label="along columns",
+        )  # fmt: skip
+        axes.axhline(factor * spectra.temporal, color=INK, linewidth=0.8, linestyle=":")
+        axes.set(xlabel="frequency / (cy/px)", ylabel=label, xlim=(0, 0.5))
+    axes.legend()
+    return figure
 
 
 def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
@@ -176,7 +304,7 @@ def _linearity_section(linearity: Linearity | None) -> ReportSection | None:
 
 
 def _maps_section(noise: NoiseMeasurement) -> ReportSection:
-    pixels, gain = noise.nonuniformity, noise.transfer.gain_e_per_dn
+    pixels = noise.nonuniformity
     return ReportSection.of(
         "Sensor maps",
         "The flat map contains the lens's fall-off, the unevenness of the light and the "
@@ -184,13 +312,9 @@ def _maps_section(noise: NoiseMeasurement) -> ReportSection:
         ReportTable(
             columns=("", "value"),
             rows=(
-                ("dark pattern (DSNU)", f"{gain * pixels.dsnu_dn:.2f} e"),
-                ("response pattern (PRNU)", f"{100 * pixels.prnu:.3f} %"),
                 ("shading, smallest to largest", f"{100 * pixels.shading:.1f} %"),
                 ("defect pixels", str(pixels.defects)),
             ),
-            caption="Patterns are standard deviations between pixels, with temporal noise "
-            "and large structures removed.",
         ),
         ReportFigure.of(_plot_maps(noise.maps), "Defects are circled.", "png"),
     )

@@ -184,7 +184,7 @@ class ReportFront:
     """What a reader needs first: the verdict, what was measured with what, and what to beware of.
 
     ``outcome`` is pass, fail, unsure, or none without limits; ``verdict`` says it in a sentence
-    after ``label``, by default the outcome itself.
+    after ``label``, by default the outcome itself. Without limits and a label there is no banner.
     """
 
     outcome: Literal["pass", "fail", "unsure", "none"]
@@ -193,6 +193,11 @@ class ReportFront:
     warnings: tuple[str, ...] = ()
     label: str = ""
 
+    @property
+    def has_banner(self) -> bool:
+        """Whether there is a verdict to show."""
+        return self.outcome != "none" or bool(self.label)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
@@ -200,7 +205,8 @@ class Report:
 
     ``verdicts`` are the headline figures, ``provenance`` are names and values for the table at the
     end, ``origin`` is the provenance of the document that is reported: in the header, and its files
-    in the table. A report that ``has_uncertainties`` says under its title that all are at 95 %.
+    in the table, ``inputs_listed`` at most. A report that ``has_uncertainties`` says under its
+    title that all are at 95 %.
     """
 
     title: str
@@ -211,6 +217,7 @@ class Report:
     origin: Provenance | None = None
     front: ReportFront | None = None
     has_uncertainties: bool = True
+    inputs_listed: int = _INPUTS_LISTED
 
     @property
     def has_views(self) -> bool:
@@ -230,7 +237,7 @@ class Report:
             report=self,
             script=Markup(views_script()),  # noqa: S704 - a file of this package
             convention=CONVENTION if self.has_uncertainties else "",
-            provenance=(*_inputs(self.origin), *self.provenance),
+            provenance=(*_inputs(self.origin, self.inputs_listed), *self.provenance),
             encodings=encodings_text(self.origin),
             written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         )
@@ -336,11 +343,11 @@ def _unbroken(text: str) -> str:
     return text.replace(" %", "\u00a0%")
 
 
-def _inputs(origin: Provenance | None) -> tuple[tuple[str, str], ...]:
+def _inputs(origin: Provenance | None, most: int) -> tuple[tuple[str, str], ...]:
     files = () if origin is None else origin.inputs
-    rows = [(file.path, f"sha256 {file.sha256}") for file in files[:_INPUTS_LISTED]]
-    if len(files) > _INPUTS_LISTED:
-        rows.append(("and more", f"{len(files) - _INPUTS_LISTED} files, listed in the JSON file"))
+    rows = [(file.path, f"sha256 {file.sha256}") for file in files[:most]]
+    if len(files) > most:
+        rows.append(("and more", f"{len(files) - most} files, listed in the JSON file"))
     return tuple(rows)
 
 

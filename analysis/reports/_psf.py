@@ -115,7 +115,7 @@ def calibration_sections(
     curves = curves_section(psf)
     is_short = len(psf.edges_used) <= _EDGES_WITH_CURVES_FIRST
     return present(
-        _edges_section(psf, drawn, load_image) if psf.edges else None,
+        edges_section(psf, drawn, load_image) if psf.edges else None,
         curves if is_short else None,
         field_map_section(psf),
         lateral_colour_section(psf),
@@ -208,9 +208,13 @@ def _channels_table(psf: PsfCalibration) -> ReportTable | None:
     )
 
 
-def _edges_section(
-    psf: PsfCalibration, found: list[EdgeMeasurement], load_image: _ImageLoader
+def edges_section(
+    psf: PsfCalibration,
+    found: list[EdgeMeasurement],
+    load_image: _ImageLoader,
+    most: int = _IMAGES_SHOWN,
 ) -> ReportSection:
+    """Show the edges on up to so many photographs."""
     missing = _missing_text(len(psf.edges) - len(found))
     if not found:
         return ReportSection.of("Edges", missing)
@@ -220,7 +224,7 @@ def _edges_section(
     }
     # Photographs whose edges point in other directions than those already shown.
     by_direction = {_directions(edges): name for name, edges in reversed(by_image.items())}
-    shown = sorted(by_direction.values())[:_IMAGES_SHOWN]
+    shown = sorted(by_direction.values())[:most]
     width_in = _WHOLE_WIDTH_IN if len(shown) == 1 else _HALF_WIDTH_IN
     text = "The edge that was found and fitted, with its MTF50 in cy/px."
     if len(found) > 1:
@@ -286,7 +290,7 @@ def _value_and_interval(psf: PsfCalibration, key: str) -> tuple[float | None, st
 
 
 _UNSTATED = "not stated"
-_NAMED_BY_PEOPLE = ("customer", "target")
+_NAMED_BY_PEOPLE = ("customer", "operator", "target")
 _NAMED_BY_FILES = ("camera", "lens")
 """What people say comes before what files say."""
 _FACTS = (
@@ -311,7 +315,7 @@ def calibration_front(psf: PsfCalibration, warnings: Iterable[str]) -> ReportFro
 
 def _sentence(verdict: SharpnessVerdict | None) -> str:
     if verdict is None:
-        return "The measurement is not compared with limits."
+        return ""
     total = len(verdict.limits)
     counts = {
         name: sum(one.outcome == name for one in verdict.limits)

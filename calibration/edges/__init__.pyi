@@ -1,6 +1,7 @@
 from ._detection import find_edges as find_edges
 from ._esfr import (
     SFR_FREQ_CY_PER_PX as SFR_FREQ_CY_PER_PX,
+    EdgeSfr as EdgeSfr,
     esfr_half_width_px as esfr_half_width_px,
     gaussian_mtf50 as gaussian_mtf50,
     measure_esfr as measure_esfr,

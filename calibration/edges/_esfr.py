@@ -17,6 +17,7 @@ from calibration.edges._model import EdgeShape, edge_shape, shape_slopes, shape_
 from calibration.edges._penalised_spline import (
     DEGREE,
     SplineFit,
+    curve_slopes,
     curve_values,
     fit_penalised_spline,
     variances,
@@ -140,6 +141,11 @@ class EdgeSfr:
         """Edge spread function, from 0 to 1, at signed distances within the reach."""
         distance = np.ascontiguousarray(distance_px, dtype=np.float64)
         return np.asarray(_profile(self.curve, distance))
+
+    def esf_err(self, distance_px: FloatArray) -> FloatArray:
+        """Standard error of the edge spread function at signed distances within the reach."""
+        distance = np.ascontiguousarray(distance_px, dtype=np.float64)
+        return np.asarray(_profile_errors(self.curve, distance))
 
     def lsf(self, distance_px: FloatArray) -> FloatArray:
         """Line spread function per px at signed distances within the reach."""
@@ -358,18 +364,42 @@ def _errors(curve: _Curve, freq_cy_per_px: FloatArray, phase_rad: FloatArray) ->
 @compiled()
 def _profile(curve: _Curve, distance: FloatArray) -> FloatArray:
     coefficients = curve.fit.coefficients
-    half = 0.5 * (coefficients.size + 1) * curve.knot_px
-    positions = np.empty(distance.size)
+    positions = _in_knots(curve, distance)
     out = np.empty(distance.size)
     for i in range(distance.size):
-        positions[i] = (distance[i] + half) / curve.knot_px
-        positions[i] = min(max(positions[i], 0.0), coefficients.size + 1.0)
         terms = _terms(curve.shape, curve.tail_px, distance[i])
         out[i] = terms[0]
         for k in range(4):
             out[i] += curve.fit.terms[k] * terms[k]
     out += curve_values(positions, coefficients) - coefficients[0]
     return out / curve.rise
+
+
+@compiled()
+def _profile_errors(curve: _Curve, distance: FloatArray) -> FloatArray:
+    count = curve.fit.coefficients.size
+    profile = _profile(curve, distance)
+    by_coefficient = curve_slopes(_in_knots(curve, distance), count)
+    by_term = np.zeros((curve.fit.terms.size, distance.size))
+    for i in range(distance.size):
+        by_coefficient[0, i] -= 1.0 - profile[i]
+        by_coefficient[count - 1, i] -= profile[i]
+        by_term[0, i], by_term[1, i], by_term[2, i], by_term[3, i] = _terms(
+            curve.shape, curve.tail_px, distance[i]
+        )
+        by_term[0, i] -= profile[i]
+    return np.sqrt(variances(curve.fit, by_coefficient, by_term)) / curve.rise
+
+
+@compiled_part()
+def _in_knots(curve: _Curve, distance: FloatArray) -> FloatArray:
+    """Positions along the spline; beyond it they stay at its ends."""
+    count = curve.fit.coefficients.size
+    half = 0.5 * (count + 1) * curve.knot_px
+    out = np.empty(distance.size)
+    for i in range(distance.size):
+        out[i] = min(max((distance[i] + half) / curve.knot_px, 0.0), count + 1.0)
+    return out
 
 
 @compiled()

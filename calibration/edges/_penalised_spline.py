@@ -409,3 +409,15 @@ def curve_values(positions: FloatArray, coefficients: FloatArray) -> FloatArray:
         for j in range(4):
             out[i] += basis[j] * coefficients[_tied(first + j, coefficients.size)]
     return out
+
+
+@compiled_part()
+def curve_slopes(positions: FloatArray, count: int) -> FloatArray:
+    """Derivatives of the curve at positions in knots by its coefficients, ``(count, k)``."""
+    out = np.zeros((count, positions.size))
+    basis = np.zeros(4)
+    for i in range(positions.size):
+        first = _basis(positions[i], basis)
+        for j in range(4):
+            out[_tied(first + j, count), i] += basis[j]
+    return out

@@ -6,6 +6,7 @@ from ._document import (
     read_map_files as read_map_files,
     write_map_files as write_map_files,
 )
+from ._emva import EmvaRow as EmvaRow, EmvaSheet as EmvaSheet, emva_sheet as emva_sheet
 from ._measurement import (
     FrameGroup as FrameGroup,
     NoiseCaptures as NoiseCaptures,
@@ -13,6 +14,13 @@ from ._measurement import (
     NoiseMeasurement as NoiseMeasurement,
     noise_captures as noise_captures,
     noise_of_captures as noise_of_captures,
+)
+from ._pattern import (
+    PatternParts as PatternParts,
+    PatternSpectra as PatternSpectra,
+    pattern_parts as pattern_parts,
+    pattern_spectra as pattern_spectra,
+    share_passed as share_passed,
 )
 from ._photon_transfer import (
     LevelNoise as LevelNoise,

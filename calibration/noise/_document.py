@@ -20,6 +20,13 @@ from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import write_shared
 from acquisition.untrusted import TiffDamageError, read_tiff
 from calibration.errors import NoiseFileError
+from calibration.noise._pattern import (
+    PatternParts,
+    PatternSpectra,
+    pattern_parts,
+    pattern_spectra,
+    share_passed,
+)
 from calibration.noise._photon_transfer import LevelSample, PhotonTransfer
 from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray, FloatImage
@@ -109,12 +116,26 @@ class Nonuniformity:
     """How much the pixels differ, without temporal noise.
 
     ``shading`` is the range of the large-scale structure over its mean, the rest is without it.
+    ``dark_parts_dn`` and ``response_parts`` split DSNU and PRNU into rows, columns and pixels;
+    ``dark_spectra_dn`` and ``response_spectra`` are those of the two maps.
     """
 
-    dsnu_dn: float
-    prnu: float
+    dark_parts_dn: PatternParts
+    response_parts: PatternParts
+    dark_spectra_dn: PatternSpectra
+    response_spectra: PatternSpectra
     shading: float
     defects: int
+
+    @property
+    def dsnu_dn(self) -> float:
+        """Standard deviation of the dark level between pixels."""
+        return self.dark_parts_dn.total
+
+    @property
+    def prnu(self) -> float:
+        """Standard deviation of the response between pixels, over its mean."""
+        return self.response_parts.total
 
 
 def correction_maps(
@@ -151,24 +172,27 @@ def nonuniformity(
 ) -> Nonuniformity:
     """Measure DSNU, PRNU and shading on the maps.
 
-    Defects are left out, and the temporal noise left in the maps is subtracted.
+    Defects are left out, and the temporal noise left in the maps is subtracted. Shading is of the
+    light and the lens as well, and so the response is taken relative to its surroundings.
 
     References
     ----------
-    EMVA Standard 1288, release 4.0 linear, 2021, section 8: variances after high-pass filtering.
+    EMVA Standard 1288, release 4.0 linear, 2021, section 8: the variance of the whole dark image,
+    and that of the response after high-pass filtering.
     """
     sound = ~maps.is_defect
     from scipy.ndimage import gaussian_filter  # a quarter of a second, where maps are measured
 
     smooth = gaussian_filter(_filled(maps.response.astype(np.float64), maps.is_defect),
                              _SHADING_SIGMA_PX, mode="nearest")  # fmt: skip
-    level = gaussian_filter(_filled(maps.dark_dn.astype(np.float64), maps.is_defect),
-                            _SHADING_SIGMA_PX, mode="nearest")  # fmt: skip
-    dark = float(np.var((maps.dark_dn - level)[sound])) - dark_variance_dn2
-    response = float(np.var((maps.response / smooth)[sound])) - response_variance
+    dark = maps.dark_dn.astype(np.float64)
+    dark, response = dark - dark[sound].mean(), maps.response / smooth - 1.0
+    passed = share_passed(_SHADING_SIGMA_PX)
     return Nonuniformity(
-        dsnu_dn=float(np.sqrt(max(dark, 0.0))),
-        prnu=float(np.sqrt(max(response, 0.0))),
+        dark_parts_dn=pattern_parts(dark, sound, dark_variance_dn2),
+        response_parts=pattern_parts(response, sound, response_variance, passed),
+        dark_spectra_dn=pattern_spectra(dark, sound, dark_variance_dn2),
+        response_spectra=pattern_spectra(response, sound, response_variance),
         shading=float(np.ptp(smooth) / smooth.mean()),
         defects=int(np.count_nonzero(maps.defects)),
     )

@@ -21,6 +21,7 @@ from calibration.noise._document import (
     correction_maps,
     nonuniformity,
 )
+from calibration.noise._emva import EmvaSheet, emva_sheet
 from calibration.noise._photon_transfer import (
     MOST_CLIPPED,
     QUANTISATION_DN2,
@@ -396,6 +397,12 @@ class NoiseMeasurement(Shown, ByValue):
     transfer: PhotonTransfer
     maps: CorrectionMaps
     nonuniformity: Nonuniformity
+
+    @property
+    def emva(self) -> EmvaSheet:
+        """The figures of the data sheet of EMVA 1288."""
+        pixels = self.nonuniformity
+        return emva_sheet(self.transfer, pixels.dark_parts_dn, pixels.response_parts)
 
     def with_provenance(self, provenance: Provenance) -> "NoiseMeasurement":
         """Return the measurement with the provenance of its document."""

@@ -3,6 +3,7 @@ from ._calibration import (
     capture_images as capture_images,
     edge_images as edge_images,
     edge_records as edge_records,
+    mosaic_plane as mosaic_plane,
     origin_of as origin_of,
     psf_of_images as psf_of_images,
     scene_records as scene_records,

@@ -473,7 +473,7 @@ def _least_side_px(edges: list[EdgeMeasurement], pitch_px: int) -> int:
 COLOURS = ("red", "green", "blue")
 
 
-def _plane_source(source: EdgeImage, place: PlanePlace) -> EdgeImage:
+def mosaic_plane(source: EdgeImage, place: PlanePlace) -> EdgeImage:
     """Return one colour plane of a mosaic photograph."""
     clipped, masked = (
         None if mask is None else place.plane(mask).astype(np.bool_)
@@ -512,7 +512,7 @@ def calibrate_mosaic(
         frames.add(source.frame)
         coloured = replace(source, pattern=pattern)
         for place in plane_places(pattern):
-            plane = _plane_source(source, place)
+            plane = mosaic_plane(source, place)
             found = selection.measured_in(plane, method)
             shown = coloured if place.colour == channel else source
             edges[place.colour].extend(with_sharpness(found, shown))

@@ -1,6 +1,6 @@
 """The calibrated PSF of a camera, as psf.json stores it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from html import escape
 from typing import TYPE_CHECKING, Final, Literal, Self
@@ -303,14 +303,22 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         known = {one.name: getattr(origin, one.name) for one in fields(origin)}
         return self.model_copy(update={**known, "target_softness": soft})
 
-    def judged(self, limits: SharpnessLimits, limits_file: str) -> "PsfCalibration":
-        """Return the calibration with its verdict by the limits of the file ``limits_file``."""
+    def judged(
+        self,
+        limits: SharpnessLimits,
+        limits_file: str,
+        camera: Mapping[str, Estimate] | None = None,
+    ) -> "PsfCalibration":
+        """Return the calibration with its verdict by the limits of the file ``limits_file``.
+
+        ``camera`` are further figures that were measured, see `judge_sharpness`.
+        """
         picture = Picture(
             width_px=self.picture_width_px,
             height_px=self.picture_height_px,
             pixel_pitch_um=self.pixel_pitch_um,
         )
-        verdict = judge_sharpness(limits, self.edges, picture, limits_file)
+        verdict = judge_sharpness(limits, self.edges, picture, limits_file, camera)
         return self.model_copy(update={"verdict": verdict})
 
     def total_psf(self, source: str) -> GaussianPsf:

@@ -1,3 +1,13 @@
+from ._edge_figures import (
+    FIGURE_NAMES as FIGURE_NAMES,
+    NYQUIST as NYQUIST,
+    EdgeFigures as EdgeFigures,
+    MeasuredValue as MeasuredValue,
+    Sharpening as Sharpening,
+    edge_figures as edge_figures,
+    median_figures as median_figures,
+    sharpening_of as sharpening_of,
+)
 from ._resolution import (
     lp_per_mm as lp_per_mm,
     lw_per_ph as lw_per_ph,
@@ -5,6 +15,7 @@ from ._resolution import (
     with_sharpness as with_sharpness,
 )
 from ._verdict import (
+    CAMERA_TABLES as CAMERA_TABLES,
     MODEL_REMARK as MODEL_REMARK,
     VERDICT_COLUMNS as VERDICT_COLUMNS,
     Direction as Direction,

@@ -7,7 +7,7 @@ Measured edges and verdicts as cells of tables, for the terminal and for reports
 95 % interval.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import atan2, cos, hypot, pi, sqrt
 from pathlib import Path, PurePath
@@ -209,6 +209,32 @@ class UniformityLimits(WrittenTable):
     )
 
 
+class SharpeningLimits(WrittenTable):
+    """``[sharpening]``: of the median edge profile, over the contrast; for ``standoff lens``."""
+
+    max_overshoot: Share | None = Field(None, description="beyond the bright level")
+    max_undershoot: Share | None = Field(None, description="beyond the dark level")
+
+
+class CameraLimits(WrittenTable):
+    """``[camera]``: noise, and noise and sharpness together; for ``standoff lens``."""
+
+    min_neq_at_half_nyquist: Positive | None = Field(
+        None, description="noise-equivalent quanta a pixel at 0.25 cy/px, mean over directions"
+    )
+    min_information_bits_per_px: Positive | None = Field(
+        None, description="capacity between the levels of the edges"
+    )
+    max_read_noise_e: Positive | None = Field(None, description="temporal dark noise")
+    max_prnu: Share | None = Field(None, description="response pattern, over its mean")
+    max_dsnu_e: Positive | None = Field(None, description="dark pattern")
+    min_dynamic_range_db: Positive | None = Field(None, description="EMVA 1288")
+
+
+CAMERA_TABLES = ("sharpening", "camera")
+"""Tables whose figures are those of ``standoff lens``, not of single edges."""
+
+
 class Zones(WrittenTable):
     """``[zones]``: what is the centre and what a corner, in half diagonals from the centre."""
 
@@ -232,11 +258,13 @@ class SharpnessLimits(WrittenTable):
     sigma: SigmaLimits = SigmaLimits.model_validate({})
     lateral_colour: LateralColourLimits = LateralColourLimits.model_validate({})
     uniformity: UniformityLimits = UniformityLimits.model_validate({})
+    sharpening: SharpeningLimits = SharpeningLimits.model_validate({})
+    camera: CameraLimits = CameraLimits.model_validate({})
     zones: Zones = Zones.model_validate({})
 
     def given(self) -> Iterator[tuple[str, float]]:
         """Every limit that is set: its dotted key and its bound, in the order of the tables."""
-        for table in ("mtf50", "sigma", "lateral_colour", "uniformity"):
+        for table in ("mtf50", "sigma", "lateral_colour", "uniformity", *CAMERA_TABLES):
             for name, bound in getattr(self, table):
                 if bound is not None:
                     yield f"{table}.{name}", bound
@@ -323,12 +351,15 @@ def judge_sharpness(
     edges: Iterable[EdgeMeasurement],
     picture: Picture,
     limits_file: str,
+    camera: Mapping[str, Estimate] | None = None,
 ) -> SharpnessVerdict:
-    """Compare the edges that are used with the limits, in units that follow from the picture."""
+    """Compare the edges that are used with the limits, in units that follow from the picture.
+
+    ``camera`` are the figures of ``CAMERA_TABLES`` that were measured, by the keys of the limits.
+    """
     used = [edge for edge in edges if edge.is_used]
-    verdicts = tuple(
-        _judged(key, bound, _Measured(used, picture, limits.zones)) for key, bound in limits.given()
-    )
+    measured = _Measured(used, picture, limits.zones, camera or {})
+    verdicts = tuple(_judged(key, bound, measured) for key, bound in limits.given())
     outcomes = {verdict.outcome for verdict in verdicts}
     outcome: Outcome = (
         "fail" if "fail" in outcomes else "unsure" if "unsure" in outcomes else "pass"
@@ -338,7 +369,7 @@ def judge_sharpness(
 
 def _judged(key: str, bound: float, measured: "_Measured") -> LimitVerdict:
     table, name = key.split(".")
-    unit = "" if table == "uniformity" else "px"
+    unit = "px" if table in ("sigma", "lateral_colour") else _CAMERA_UNITS.get(name, "")
     if table == "mtf50":
         unit = _FREQUENCY_UNITS[name.rpartition("min_")[2]]
     limit = LimitVerdict(limit=key, bound=bound, unit=unit, outcome="unsure")
@@ -351,19 +382,35 @@ def _judged(key: str, bound: float, measured: "_Measured") -> LimitVerdict:
     return limit.model_copy(update={**known, "outcome": outcome})
 
 
+_CAMERA_UNITS = {
+    "min_neq_at_half_nyquist": "quanta/px",
+    "min_information_bits_per_px": "bits/px",
+    "max_read_noise_e": "e",
+    "max_dsnu_e": "e",
+    "min_dynamic_range_db": "dB",
+}
 _FREQUENCY_UNITS = {"cy_per_px": "cy/px", "lw_per_ph": "LW/PH", "lp_per_mm": "lp/mm"}
 
 
 class _Measured:
     """The edges that count, and the figures that limits are compared with."""
 
-    def __init__(self, used: Sequence[EdgeMeasurement], picture: Picture, zones: Zones) -> None:
+    def __init__(
+        self,
+        used: Sequence[EdgeMeasurement],
+        picture: Picture,
+        zones: Zones,
+        camera: Mapping[str, Estimate],
+    ) -> None:
         self.used = used
         self.picture = picture
         self._zones = zones
+        self._camera = camera
 
     def figure(self, table: str, name: str, unit: str) -> _Figure:
         """The figure that a limit of this table and name bounds."""
+        if table in CAMERA_TABLES:
+            return self._of_camera(f"{table}.{name}")
         if table == "mtf50":
             factor = self._factor(unit)
             return self._mtf50(name).scaled(factor)
@@ -377,6 +424,15 @@ class _Measured:
             return _largest(self._optical_widths())
         widths = ((e.sigma_px, e.sigma_err_px, _place(e)) for e in self.used)
         return _largest([_Figure(value=px, err=err, where=where) for px, err, where in widths])
+
+    def _of_camera(self, key: str) -> _Figure:
+        known = self._camera.get(key)
+        if known is None:
+            raise _NotMeasuredError(
+                "measured by standoff lens: of photographs with noise, or from darks and flats"
+            )
+        interval = known.interval_95
+        return _Figure(value=known.value, err=known.err, interval_95=interval, where="camera")
 
     def _mtf50(self, name: str) -> _Figure:
         if name.startswith("centre_"):
@@ -476,7 +532,12 @@ def median_of_edges(edges: Sequence[EdgeMeasurement]) -> _Figure:
 
 
 MODEL_REMARK = "* of the fitted Gaussian, where an edge has no e-SFR with an error"
-_DIGITS = {"cy/px": 4, "LW/PH": 1, "lp/mm": 2, "px": 4, "": 3}
+_DIGITS = {"cy/px": 4, "LW/PH": 1, "lp/mm": 2, "px": 4, "": 4} | {
+    "quanta/px": 0,
+    "bits/px": 2,
+    "e": 2,
+    "dB": 2,
+}
 
 
 Cells = tuple[str, ...]

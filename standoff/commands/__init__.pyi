@@ -8,6 +8,7 @@ from . import (
     detectability as detectability,
     evaluate as evaluate,
     geometry as geometry,
+    lens as lens,
     mock as mock,
     noise as noise,
     pose as pose,

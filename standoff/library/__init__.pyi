@@ -73,6 +73,7 @@ from .evaluation import (
     patch_of as patch_of,
 )
 from .geometry import calibrate_geometry as calibrate_geometry
+from .lens import measure_lens as measure_lens, write_lens as write_lens
 from .limit_options import DetectionLimitOptions as DetectionLimitOptions
 from .measured_curves import (
     curve_figure_paths as curve_figure_paths,

@@ -45,6 +45,7 @@ COMMANDS = {
     "focus": "bench:focus",
     "geometry": "geometry:geometry",
     "noise": "noise:noise",
+    "lens": "lens:lens",
     "simulate": "simulate:simulate",
     "sr-pairs": "training_pairs:sr_pairs",
     "change-pairs": "training_pairs:change_pairs",

@@ -17,6 +17,7 @@ from calibration.sharpness import (
     VERDICT_COLUMNS,
     SharpnessVerdict,
     edge_cells,
+    median_of_edges,
     reported_mtf50,
     verdict_rows,
 )
@@ -153,7 +154,7 @@ def print_edges(calibration: PsfCalibration) -> None:
         name = f"The {_AT_EITHER_END} softest and {_AT_EITHER_END} sharpest edges" * is_many
         print_table(f"{name or 'Edges'}, ± at 95 %", columns, rows)
     if is_many:
-        middle = reported_mtf50(ranked[len(ranked) // 2]).cy_per_px
+        middle = median_of_edges(edges).value
         say(
             f"median MTF50 of {len(edges)} edges: {middle:.4f} cy/px; psf.json and the table of "
             "--csv list them all"

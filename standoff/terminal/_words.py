@@ -22,6 +22,8 @@ standoff focus --bench bench.toml
 standoff focus --bench bench.toml --sweep --from 280 --to 330 --out focus.png
 standoff geometry --session session --out geometry.json
 standoff noise --session session --out noise.json --report noise.html
+standoff lens edge-*.tif --dark darks --flat flats --out lens.html --customer "Muster AG"
+standoff lens --session session --out lens.html --limits limits.toml
 standoff simulate near.tif --zoom 2 --psf psf.json --out far.tif
 standoff simulate near.tif --homography H.json --psf psf.json --out tilted.tif
 standoff simulate near.tif --zoom 2 --depth depth.tif --psf psf.json --out far.tif
@@ -73,7 +75,9 @@ _WORDS = {
     "edge slanted slanted-edge iso12233 iso-12233 chart sfrmat fwhm optics lens-test kernel "
     "aberration chromatic chromatic-aberration lateral lateral-chromatic-aberration "
     "lateral-colour lateral-color lca ca colour-fringe colour-shift astigmatism field measure",
-    "calibrate --report": "lens lens-report datasheet",
+    "lens": "lens-report datasheet data-sheet test-report certificate neq noise-equivalent-quanta "
+    "information information-capacity shannon overshoot undershoot sharpening mtf50p mtf20 mtf10 "
+    "rise edge-rise imatest",
     "compare": "drift trend history decentring stability compare-psf",
     "focus": "autofocus defocus sweep focus-sweep through-focus depth-of-field dof live",
     "geometry": "distortion magnification scale px-per-mm pupil entrance-pupil intrinsics "

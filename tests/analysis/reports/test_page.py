@@ -148,7 +148,7 @@ def test_the_front_has_verdict_facts_and_every_warning() -> None:
     assert page.texts.index("white is clipped") < page.texts.index("JPEG <q 75>")
     bare = replace(front, outcome="none", warnings=())
     texts = Page(report(ReportSection(title="All"), front=bare)).texts
-    assert "no limits set" in texts
+    assert "1 limit of l.toml: 1 unsure." not in texts
     assert "No warnings" in texts
 
 

@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 
 from calibration.edges import EdgeImage, EdgeMeasurement, edges_of_image
 from calibration.errors import LimitsFileError
+from calibration.estimate import Estimate
 from calibration.sharpness import (
     LimitVerdict,
     Picture,
@@ -223,6 +224,20 @@ def verdict_on(
     limits = SharpnessLimits.model_validate(tables)
     [one] = judge_sharpness(limits, edges, picture, "limits.toml").limits
     return one
+
+
+@pytest.mark.parametrize(("value", "outcome"), [(0.02, "pass"), (0.049, "unsure"), (0.09, "fail")])
+def test_figures_of_the_camera_are_compared_like_those_of_edges(value: float, outcome: str) -> None:
+    limits = SharpnessLimits.model_validate({"sharpening": {"max_overshoot": 0.05}})
+    measured = {"sharpening.max_overshoot": Estimate(value=value, err=0.005)}
+    [one] = judge_sharpness(limits, [sharp(0.3)], PICTURE, "limits.toml", measured).limits
+    assert (one.outcome, one.value, one.where) == (outcome, value, "camera")
+
+
+def test_a_figure_of_the_camera_that_was_not_measured_leaves_it_unsure() -> None:
+    one = verdict_on([sharp(0.3)], camera={"min_dynamic_range_db": 60})
+    assert (one.outcome, one.unit, one.is_least) == ("unsure", "dB", True)
+    assert "standoff lens" in str(one.reason)
 
 
 ENDS = st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted)

@@ -30,6 +30,8 @@ LINES = {
     "session set-aside": "session set-aside @taken --reason dust",
     "benchmark make": "benchmark make --size tiny --out out",
     "noise --dark": "noise --dark @frames.tif --flat @frames.tif --out out.json",
+    "lens --dark": "lens @edge.tif --dark @frames.tif --flat @frames.tif --out out.html",
+    "lens --flat": "lens @edge.tif --dark @frames.tif --flat @frames.tif --out out.html",
     "noise --flat": "noise --dark @frames.tif --flat @frames.tif --out out.json",
 }
 """A sound command line of each command of which the search for odd files has none that does.

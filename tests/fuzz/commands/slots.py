@@ -180,6 +180,7 @@ _DETECT = "--zooms 1,1.5 --model matched --observer npw --window 9 --signal-sigm
 
 IMAGE_SLOTS = (
     _slot("calibrate", "edge.tif", images, "calibrate BAD --out out.json --csv e.csv"),
+    _slot("lens", "edge.tif", images, "lens BAD --out out.html"),
     _slot("calibrate --method two-distance", "far.tif", images,
           "calibrate @near.tif BAD --method two-distance --zoom 1.5 --out out.json"),
     _slot("import", "edge.tif", images, "import BAD --kind edge --height-mm 100 --out out"),
@@ -233,6 +234,8 @@ DOCUMENT_SLOTS = (
           "calibrate @edge.tif --noise BAD --out out.json"),
     _slot("calibrate --limits", "limits.toml", _toml,
           "calibrate @edge.tif --limits BAD --out out.json"),
+    _slot("lens --noise", "noise.json", _json, "lens @edge.tif --noise BAD --out out.html"),
+    _slot("lens --limits", "limits.toml", _toml, "lens @edge.tif --limits BAD --out out.html"),
     _slot("detectability --psf", "psf.json", _json, f"detectability @near.tif --psf BAD {_DETECT}"),
     _slot("detectability --noise", "noise.json", _json,
           f"detectability @near.tif --noise BAD --psf @psf.json {_DETECT}"),
@@ -288,6 +291,7 @@ _ON_SESSIONS = {
     "session exclude": ("taken", "session exclude 0 taken --reason dust"),
     "session note": ("taken", "session note text taken"),
     "calibrate --session": ("edges", "calibrate --session edges --out out.json"),
+    "lens --session": ("edges", "lens --session edges --out out.html"),
     "noise": ("noisy", "noise --session noisy --out out.json"),
     "geometry": (
         "board",

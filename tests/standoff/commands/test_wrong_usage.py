@@ -135,6 +135,19 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("--target moon", "no target 'moon'"),
         ("--orientation nan", "finite"),
     ),
+    "lens edge.tif --out lens.html": (
+        ("--dark darks", "--dark needs --flat"),
+        ("--flat flats", "--flat needs --dark"),
+        ("--noise noise.json --dark d --flat f", "--noise cannot be used with --dark or --flat"),
+        ("--region left", "expected centre or X,Y,W,H in px, got left"),
+        ("--session session", "give exactly one of"),
+        ("--pixel-pitch-um 0", "pixel_pitch_um"),
+    ),
+    "lens --session session --out lens.html": (
+        ("--dark d --flat f", "a session has its own"),
+        ("--bayer RGGB", "captures are linear and grey"),
+    ),
+    "lens edge.tif": (("--out lens.json", "must end in"),),
     "noise --session session": (("--out noise.txt", ".json"),),
     "plan-study --bench bench.toml --plan plan.toml --psf psf.json": (
         *(

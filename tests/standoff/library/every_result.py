@@ -85,6 +85,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
         "photographs", "sweep", "psf.json", CURVE_TASK
     ),
     "measure_edges": lambda: standoff.measure_edges("vertical.tif"),
+    "measure_lens": lambda: standoff.measure_lens("vertical.tif"),
     "measure_noise": lambda: standoff.measure_noise("flats"),
     "patch_of": lambda: standoff.patch_of("crack.png"),
     "plan_study": lambda: standoff.plan_study(

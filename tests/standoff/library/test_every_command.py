@@ -22,6 +22,7 @@ FUNCTIONS = {
     "focus": {"watch_focus", "find_focus"},
     "geometry": {"calibrate_geometry", "write_geometry"},
     "noise": {"measure_noise", "write_noise"},
+    "lens": {"measure_lens", "write_lens"},
     "simulate": {"simulate"},
     "sr-pairs": {"training_pairs"},
     "change-pairs": {"change_pairs"},

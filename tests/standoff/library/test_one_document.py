@@ -86,6 +86,19 @@ def test_simulate_by_a_learned_kernel(command: Command, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_lens(command: Command, edge_file: Path, noise_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "lens.html"
+    words = ("--noise", noise_file, "--operator", "A. Smith", "--pixel-pitch-um", 4.5)
+    done = command("lens", edge_file, *words, "--out", out, "--json")
+    found = standoff.measure_lens(
+        edge_file, noise=noise_file, labels={"operator": "A. Smith"}, pixel_pitch_um=4.5
+    )
+    assert printed(done) == without_caller(found.to_json())
+    standoff.write_lens(tmp_path / "again.csv", found)
+    table = (tmp_path / "lens.csv").read_text("utf-8")
+    assert (tmp_path / "again.csv").read_text("utf-8") == table
+
+
 def test_calibrate(command: Command, edge_file: Path, noise_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "psf.json"
     words = ("--noise", noise_file, "--region", "centre", "--pixel-pitch-um", 4.5, "--out", out)

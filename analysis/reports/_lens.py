@@ -1,0 +1,416 @@
+"""The report of a lens and its camera: six figures first, maps of the field, then the details."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from acquisition.session import Session
+from analysis.reports._bench import device_rows, versions
+from analysis.reports._noise import camera_section
+from analysis.reports._page import (
+    Report,
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    Verdict,
+    in_report_style,
+    new_plot,
+    present,
+)
+from analysis.reports._psf import calibration_front, edges_section, verdict_section
+from analysis.reports._psf_field import field_map_section, lateral_colour_section
+from calibration.edges import EdgeMeasurement
+from calibration.estimate import NORMAL_95, with_reach
+from calibration.lens import CapacityFigures, LensMeasurement, frequency_units
+from calibration.sharpness import (
+    EdgeFigures,
+    MeasuredValue,
+    edge_name,
+    reported_mtf50,
+)
+from simulation.palette import BLUE, GREEN, INK, POINTS, VERMILION
+
+_INKS = {"grey": INK, "luma": INK, "red": VERMILION, "green": GREEN, "blue": BLUE}
+_NAMES = {"luma": "Y", "red": "R", "green": "G", "blue": "B", "grey": "grey"}
+_EDGES_LISTED = 10
+_INPUTS_LISTED = 8
+_PROFILE_PX = 6.0
+_DIGITS = {"cy/px": 4, "LW/PH": 0, "lp/mm": 2, "px": 3, "%": 2, "": 4}
+
+STANDARDS: Final = "ISO 12233:2024 (e-SFR, annex D), EMVA 1288 R4 (linear)"
+
+_DEPARTURES = (
+    "ISO 12233:2024, e-SFR. As in the standard: slanted straight edges, linear levels, the "
+    "contrast at each frequency across the edge from the derivative of its profile, 1 at frequency "
+    "0; MTF of lens and pixel together; over- and undershoot of the edge profile.",
+    "Departures: edges at any angle, found by the program; pixels are not binned by quarters of a "
+    "pixel but fitted by a Gaussian, a tail and a penalised spline, so that neither bins nor the "
+    "window nor the difference blurs the curve, and no correction for them is applied; the edge "
+    "may be slightly curved. The contrast of the target is not checked against the standard's 4:1.",
+    "EMVA 1288 release 4, linear model: gain, read noise, saturation, linearity, dark signal and "
+    "nonuniformity. Without a calibrated light source there is no quantum efficiency and no "
+    "irradiance; figures are in electrons and DN.",
+    "Noise-equivalent quanta: ICRU Report 54. Information by edges: Koren, Electronic Imaging, "
+    "2020 to 2024.",
+)
+
+
+def lens_report(
+    lens: LensMeasurement,
+    load: Callable[[str], NDArray[np.floating[Any]]],
+    session: Session | None = None,
+) -> Report:
+    """Return the report of a lens and its camera.
+
+    ``load``: returns a photograph by its name, shape ``(rows, cols)``, linear in light.
+    ``session``: where the photographs are from, for the names of its devices.
+    """
+    psf = lens.psf
+    names = list(dict.fromkeys(edge.image for edge in psf.edges))
+    subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs of edges"
+    front = calibration_front(psf, lens.notes)
+    facts = (*front.facts, ("standards", STANDARDS), ("software", f"standoff {_own_version()}"))
+    return Report(
+        title="Lens and camera",
+        subtitle=subtitle,
+        verdicts=tuple(_headlines(lens)),
+        sections=present(
+            verdict_section(psf),
+            _sharpness_section(lens),
+            field_map_section(psf),
+            lateral_colour_section(psf),
+            _information_section(lens.capacity),
+            None if lens.noise_measurement is None else camera_section(lens.noise_measurement),
+            _photographs_section(lens, load),
+            _edges_section(lens),
+            ReportSection.of("Standards and departures", *_DEPARTURES, is_folded=True),
+        ),
+        provenance=(*(() if session is None else device_rows(session)), *versions()),
+        origin=lens.provenance,
+        front=replace(front, facts=facts),
+        inputs_listed=_INPUTS_LISTED,
+    )
+
+
+def _own_version() -> str:
+    return dict(versions())["standoff"]
+
+
+def _headlines(lens: LensMeasurement) -> Iterator[Verdict]:
+    """Six figures: of the lens, of its processing, of the camera, of both together."""
+    main = lens.main
+    half = main.median.mtf50_cy_per_px
+    if half is not None:
+        units = list(frequency_units(lens))
+        said = "; ".join(_with_unit(half, factor, unit) for unit, factor in units)
+        yield Verdict(f"MTF50, median of {main.edges} edges", f"{half.value:.3f} cy/px", said)
+    yield from _softest(lens)
+    quarter = main.median.mtf_at_half_nyquist
+    if quarter is not None:
+        yield Verdict(
+            "contrast at half Nyquist",
+            f"{quarter.value:.3f}",
+            _with_unit(quarter, 1.0, ""),
+        )
+    if lens.lateral_colour:
+        most = max(lens.lateral_colour, key=lambda one: abs(one.shift_px.value))
+        yield Verdict(
+            "largest lateral chromatic aberration",
+            f"{abs(most.shift_px.value):.3f} px",
+            f"{most.colour}: {_with_unit(most.shift_px, 1.0, 'px')}",
+        )
+    elif lens.sharpening is not None:
+        over = lens.sharpening.overshoot
+        said = "sharpened" if lens.sharpening.is_sharpened else "no sign of sharpening"
+        yield Verdict(
+            "overshoot", f"{100 * over.value:.1f} %",
+            f"{_with_unit(over, 100.0, '%')}; {said}",
+        )  # fmt: skip
+    if lens.capacity is not None:
+        yield Verdict(
+            "information",
+            f"{lens.capacity.bits_per_px.value:.2f} bits/px",
+            f"{lens.capacity.bits_per_px.estimate.text(2)}; between the levels of the edges, "
+            f"{lens.capacity.range_dn:.0f} DN apart",
+        )
+    yield from _last_headline(lens)
+
+
+def _softest(lens: LensMeasurement) -> Iterator[Verdict]:
+    ranked = sorted(lens.psf.edges_used, key=lambda edge: reported_mtf50(edge).cy_per_px)
+    if len(ranked) < 2:
+        return
+    edge = ranked[0]
+    known = reported_mtf50(edge)
+    yield Verdict(
+        "MTF50, softest edge",
+        f"{known.cy_per_px:.3f} cy/px",
+        f"{with_reach(known.cy_per_px, known.reach_95_cy_per_px, 4)} at "
+        f"({edge.x_px:.0f}, {edge.y_px:.0f})",
+    )
+
+
+def _last_headline(lens: LensMeasurement) -> Iterator[Verdict]:
+    """The camera's dynamic range; without darks and flats, the contrast that is just seen."""
+    if lens.noise_measurement is not None:
+        sheet = lens.noise_measurement.emva
+        yield Verdict(
+            "dynamic range",
+            f"{sheet.dynamic_range_db:.1f} dB",
+            f"{sheet.dynamic_range_bits:.1f} bits; EMVA 1288",
+        )
+    elif lens.capacity is not None:
+        disc = lens.capacity.detection[1]
+        yield Verdict(
+            f"contrast just seen, {disc.description}",
+            f"{100 * disc.threshold_contrast:.2f} %",
+            "by an ideal observer, SNR 5",
+        )
+
+
+def _with_unit(known: MeasuredValue, factor: float, unit: str) -> str:
+    return f"{_cell(known, factor, unit)} {unit}".rstrip()
+
+
+_ROWS: Final = (
+    ("MTF50", "mtf50_cy_per_px"),
+    ("MTF50P", "mtf50p_cy_per_px"),
+    ("MTF20", "mtf20_cy_per_px"),
+    ("MTF10", "mtf10_cy_per_px"),
+    ("contrast at half Nyquist", "mtf_at_half_nyquist"),
+    ("contrast at Nyquist", "mtf_at_nyquist"),
+    ("edge rise, 10 to 90 %", "rise_px"),
+    ("overshoot", "overshoot"),
+    ("undershoot", "undershoot"),
+)
+
+
+def _sharpness_section(lens: LensMeasurement) -> ReportSection:
+    counts = ", ".join(f"{_NAMES[one.colour]} {one.edges}" for one in lens.colours)
+    height = lens.picture_height_px
+    sentence = None if lens.sharpening is None else lens.sharpening.sentence
+    return ReportSection.of(
+        "Sharpness",
+        f"Medians over the edges ({counts}), of lens, pixel and processing together. MTF50 and so "
+        "on: where so much of the contrast at frequency 0 is left; MTF50P: half of the largest "
+        "contrast, which sharpening raises less. Over- and undershoot: of the median edge profile "
+        "beyond its flat ends, over their difference.",
+        None if height is None else f"Picture height (PH): {height} px.",
+        *_by_gaussian(lens),
+        sentence,
+        _sharpness_table(lens),
+        ReportFigure.of(
+            _plot_sfr(lens),
+            "Contrast by frequency, median over the edges, with 95 % bands. Dotted: Nyquist and "
+            "half of it.",
+        )
+        if any(one.sfr for one in lens.colours)
+        else None,
+        ReportFigure.if_drawn(
+            _plot_edge_profile(lens.psf.edges_used),
+            "Edge profile, median over the edges, 0 and 1 its flat ends, with its 95 % band.",
+        ),
+    )
+
+
+def _by_gaussian(lens: LensMeasurement) -> Iterator[str]:
+    count = sum(
+        not edge.figures.is_model_free for edge in lens.edges if edge.colour == lens.main.colour
+    )
+    if count:
+        yield (
+            f"{count} of {lens.main.edges} edges do not determine an e-SFR with an error (too "
+            "short, or along the rows or columns of the pixels): the fitted Gaussian stands in."
+        )
+
+
+def _sharpness_table(lens: LensMeasurement) -> ReportTable:
+    """Return a row for each figure: in every colour, and of the first also in the other units."""
+    others = [(unit, factor) for unit, factor in frequency_units(lens) if unit != "cy/px"]
+    of_main = f" ({_NAMES[lens.main.colour]})" if len(lens.colours) > 1 else ""
+    rows = []
+    for label, name in _ROWS:
+        values = [getattr(one.median, name) for one in lens.colours]
+        if all(value is None for value in values):
+            continue
+        unit, factor = _unit_of(name)
+        cells = ["" if one is None else _cell(one, factor, unit) for one in values]
+        first = values[0] if name.endswith("_cy_per_px") else None
+        cells += ["" if first is None else _cell(first, more, other) for other, more in others]
+        rows.append((label, unit, *cells))
+    return ReportTable(
+        columns=(
+            *("", "unit"),
+            *(_NAMES[one.colour] for one in lens.colours),
+            *(f"{unit}{of_main}" for unit, _ in others),
+        ),
+        rows=tuple(rows),
+    )
+
+
+def _unit_of(name: str) -> tuple[str, float]:
+    """Unit of a figure on the page, and what the stored value is multiplied by."""
+    if name in ("overshoot", "undershoot"):
+        return "%", 100.0
+    if name.endswith("_cy_per_px"):
+        return "cy/px", 1.0
+    return ("px", 1.0) if name.endswith("_px") else ("", 1.0)
+
+
+def _cell(known: MeasuredValue, factor: float, unit: str) -> str:
+    return with_reach(factor * known.value, NORMAL_95 * factor * known.err, _DIGITS[unit])
+
+
+@in_report_style
+def _plot_sfr(lens: LensMeasurement) -> Figure:
+    """Plot the median contrast by frequency of every colour, with its 95 % band."""
+    figure, axes = new_plot(3.6, 2.6)
+    for one in lens.colours:
+        if one.sfr is None:
+            continue
+        freq, mtf = np.array(one.sfr.freq_cy_per_px), np.array(one.sfr.mtf)
+        ink = _INKS[one.colour]
+        axes.plot(freq, mtf, color=ink, linewidth=1.4, label=_NAMES[one.colour])
+        if one.sfr.mtf_err is not None:
+            reach = NORMAL_95 * np.array(one.sfr.mtf_err)
+            axes.fill_between(freq, mtf - reach, mtf + reach, color=ink, alpha=0.15, linewidth=0)
+    for marked in (0.25, 0.5):
+        axes.axvline(marked, color=POINTS, linewidth=0.8, linestyle=":")
+    axes.set(xlabel="frequency / (cy/px)", ylabel="contrast", xlim=(0, 1), ylim=(0, None))
+    if len(lens.colours) > 1:
+        axes.legend()
+    return figure
+
+
+@in_report_style
+def _plot_edge_profile(edges: Iterable[EdgeMeasurement]) -> Figure | None:
+    """Plot the median edge profile; None without an e-SFR."""
+    known = [edge.esfr for edge in edges if edge.esfr is not None]
+    if not known:
+        return None
+    reach = min(_PROFILE_PX, *(one.reach_px for one in known))
+    distance = np.linspace(-reach, reach, 241)
+    profiles = np.array([one.esf(distance) for one in known])
+    errs = np.array([one.esf_err(distance) for one in known])
+    middle = np.median(profiles, axis=0)
+    band = NORMAL_95 * np.sqrt(np.mean(errs**2, axis=0) / len(known))
+    figure, axes = new_plot(3.6, 2.6)
+    axes.plot(distance, middle, color=INK, linewidth=1.4)
+    axes.fill_between(distance, middle - band, middle + band, color=INK, alpha=0.15, linewidth=0)
+    for level in (0.0, 1.0):
+        axes.axhline(level, color=POINTS, linewidth=0.8, linestyle=":")
+    axes.set(xlabel="distance across the edge / px", ylabel="level", xlim=(-reach, reach))
+    return figure
+
+
+def _information_section(capacity: CapacityFigures | None) -> ReportSection | None:
+    if capacity is None:
+        return None
+    level, noise = f"{capacity.level_dn:.0f} DN", f"{capacity.noise_dn:.2f} DN"
+    edge = capacity.edge_bits_per_px
+    rows = [
+        ("by transfer and noise, all frequencies", capacity.bits_per_px.estimate.text(2)),
+        ("by edges alone (Koren)", "" if edge is None else edge.estimate.text(2)),
+    ]
+    if capacity.most_bits_per_px is not None:
+        rows.append(("for all levels up to saturation", f"{capacity.most_bits_per_px:.2f}"))
+    return ReportSection.of(
+        "Noise-equivalent quanta, detection and information",
+        f"At {level} above black, where a photograph has a noise of {noise} (from "
+        f"{capacity.noise_from}, taken as white). An image with NEQ quanta a pixel and no blur "
+        "would show a pattern of that frequency as well. An ideal observer knows the object and "
+        "the camera exactly: nobody finds it with less contrast.",
+        "An edge 100 px long, whose step is a tenth of the light, can be located to "
+        f"{capacity.edge_location_err_px:.4f} px at best.",
+        ReportTable.of(
+            capacity.detection,
+            {
+                "object": lambda one: one.description,
+                "SNR at 10 % contrast": lambda one: one.snr.estimate.text(2),
+                "contrast seen with SNR 5": lambda one: f"{100 * one.threshold_contrast:.3g} %",
+            },
+        ),
+        ReportTable(
+            columns=("information capacity", "bits/px"),
+            rows=tuple(rows),
+            caption=f"Shannon's for real samples, between levels {capacity.range_dn:.0f} DN apart. "
+            "The method by edges takes a round lens and the frequencies up to 0.5 cy/px in all "
+            "directions (a disc); the integral takes all that the sampling passes (a square).",
+        ),
+        ReportFigure.of(
+            _plot_neq(capacity), "Noise-equivalent quanta a pixel, mean over directions, 95 % band."
+        ),
+    )
+
+
+@in_report_style
+def _plot_neq(capacity: CapacityFigures) -> Figure:
+    """Plot the noise-equivalent quanta against the frequency."""
+    figure, axes = new_plot(3.6, 2.4)
+    freq, neq = np.array(capacity.freq_cy_per_px), np.array(capacity.neq)
+    reach = NORMAL_95 * np.array(capacity.neq_err)
+    axes.semilogy(freq, neq, color=BLUE, linewidth=1.4)
+    axes.fill_between(
+        freq, np.maximum(neq - reach, 1e-3 * neq), neq + reach, color=BLUE, alpha=0.2, linewidth=0
+    )
+    axes.set(xlabel="frequency / (cy/px)", ylabel="NEQ / (quanta/px)", xlim=(0, 0.5))
+    return figure
+
+
+def _photographs_section(
+    lens: LensMeasurement, load: Callable[[str], NDArray[np.floating[Any]]]
+) -> ReportSection | None:
+    if not lens.psf.edges:
+        return None
+    found = edges_section(lens.psf, list(lens.psf.edges), lambda edge: load(edge.image), most=2)
+    return replace(found, title="Photographs", is_folded=True)
+
+
+def _edges_section(lens: LensMeasurement) -> ReportSection:
+    """The softest and the sharpest edges with their figures; the CSV file has all."""
+    main = [edge for edge in lens.edges if edge.colour == lens.main.colour]
+    ranked = sorted(main, key=lambda one: _value(one.figures, "mtf50_cy_per_px"))
+    shown = ranked
+    if len(ranked) > _EDGES_LISTED:
+        half = _EDGES_LISTED // 2
+        shown = [*ranked[:half], *ranked[-half:]]
+    has_image = len({edge.image for edge in main}) > 1
+    names = {
+        (edge.image, edge.x_px, edge.y_px): edge_name(edge, has_image=has_image)
+        for edge in lens.psf.edges_used
+    }
+    columns = ("MTF50", "MTF20", "at Nyquist", "rise / px", "overshoot")
+    keys = ("mtf50_cy_per_px", "mtf20_cy_per_px", "mtf_at_nyquist", "rise_px", "overshoot")
+    rows = tuple(
+        (
+            names[(one.image, one.x_px, one.y_px)] + " *" * (not one.figures.is_model_free),
+            *(
+                "" if known is None else with_reach(known.value, NORMAL_95 * known.err, 3)
+                for known in (getattr(one.figures, key) for key in keys)
+            ),
+        )
+        for one in shown
+    )
+    is_cut = len(ranked) > len(shown)
+    return ReportSection.of(
+        "Edges",
+        "Frequencies in cy/px, softest edge first."
+        + (
+            f" The {_EDGES_LISTED // 2} softest and as many of the sharpest of {len(ranked)} edges;"
+            " the CSV file has all, in every colour and unit."
+            if is_cut
+            else " The CSV file has them in every colour and unit."
+        )
+        + " *: of the fitted Gaussian." * any(not one.figures.is_model_free for one in shown),
+        ReportTable(columns=("edge", *columns), rows=rows),
+        is_folded=True,
+    )
+
+
+def _value(figures: EdgeFigures, name: str) -> float:
+    known: MeasuredValue | None = getattr(figures, name)
+    return float("inf") if known is None else known.value

@@ -1,0 +1,5 @@
+"""Sharpness and noise together: noise-equivalent quanta, the ideal observer, information."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -1,0 +1,18 @@
+from ._capacity import (
+    CapacityFigures as CapacityFigures,
+    DetectionFigure as DetectionFigure,
+    capacity_figures as capacity_figures,
+)
+from ._document import (
+    Colour as Colour,
+    ColourFigures as ColourFigures,
+    EdgeOfColour as EdgeOfColour,
+    LateralShift as LateralShift,
+    LensMeasurement as LensMeasurement,
+    SharpeningFigures as SharpeningFigures,
+    camera_figures as camera_figures,
+    colour_figures as colour_figures,
+    figure_rows as figure_rows,
+    frequency_units as frequency_units,
+    lateral_shifts as lateral_shifts,
+)

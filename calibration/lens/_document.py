@@ -1,0 +1,348 @@
+"""lens.json: the figures of a lens and its camera, as a page shows them and other programs read."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from pydantic import Field
+
+from acquisition.dataframe import dataframe
+from acquisition.files import Provenance, StoredModel
+from calibration.documents import json_object
+from calibration.edges import AxisTransfer, EdgeMeasurement, mean_transfer
+from calibration.estimate import Estimate
+from calibration.lens._capacity import CapacityFigures
+from calibration.noise import NoiseCalibration, NoiseMeasurement
+from calibration.psf import PsfCalibration
+from calibration.sharpness import (
+    FIGURE_NAMES,
+    EdgeFigures,
+    MeasuredValue,
+    Sharpening,
+    SharpnessVerdict,
+    edge_figures,
+    lp_per_mm,
+    lw_per_ph,
+    median_figures,
+    sharpening_of,
+)
+from simulation.by_value import ByValue
+from simulation.notebook import Shown, html_table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+LENS_SCHEMA: Final = "standoff.lens/1"
+
+Colour = Literal["grey", "luma", "red", "green", "blue"]
+
+
+class ColourFigures(StoredModel):
+    """Medians over the edges of one colour, which may be grey or the luma (Y) of all.
+
+    Over- and undershoot are those of the median edge profile. ``sfr`` is the median contrast by
+    frequency; None without an e-SFR.
+    """
+
+    colour: Colour
+    edges: int
+    median: EdgeFigures
+    sfr: AxisTransfer | None = None
+
+
+class EdgeOfColour(StoredModel):
+    """One edge in one colour."""
+
+    colour: Colour
+    image: str
+    x_px: float
+    y_px: float
+    angle_deg: float
+    length_px: float
+    figures: EdgeFigures
+
+
+class SharpeningFigures(StoredModel):
+    """Over- and undershoot of the median edge profile, over the contrast, and what follows."""
+
+    overshoot: MeasuredValue
+    undershoot: MeasuredValue
+    is_sharpened: bool
+    sentence: str
+
+    @classmethod
+    def of(cls, found: Sharpening) -> "SharpeningFigures":
+        """Return what was found as part of the document."""
+        return cls(**_beyond(found), is_sharpened=found.is_found, sentence=found.sentence)
+
+
+def _beyond(found: Sharpening) -> dict[str, Any]:
+    """Over- and undershoot as parts of the document."""
+    return {
+        name: MeasuredValue(value=one.value, err=one.err)
+        for name, one in (("overshoot", found.overshoot), ("undershoot", found.undershoot))
+    }
+
+
+class LateralShift(StoredModel):
+    """The largest shift of a colour from green across an edge, positive away from the centre."""
+
+    colour: Literal["red", "blue"]
+    shift_px: MeasuredValue
+    x_px: float
+    y_px: float
+
+
+class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True):
+    """Sharpness, noise and both together of a lens and camera: the content of a lens.json.
+
+    Parameters
+    ----------
+    colours, edges
+        Medians of each colour, and the figures of every edge in each.
+    sharpening
+        Over- and undershoot; None where no edge has an e-SFR.
+    lateral_colour
+        The largest lateral chromatic aberration of red and of blue; empty without colours.
+    capacity
+        Quanta, detection, information; None where ``notes`` say why.
+    noise
+        The noise calibration; None without darks and flats.
+    verdict
+        Comparison with a limits file.
+    psf, noise_measurement
+        What the figures are from; not stored in a file.
+    notes
+        Remarks; not stored in a file.
+    """
+
+    schema_name: Literal["standoff.lens/1"] = Field(default=LENS_SCHEMA, alias="schema", repr=False)
+    labels: dict[str, str] | None = None
+    picture_width_px: int | None = None
+    picture_height_px: int | None = None
+    pixel_pitch_um: float | None = None
+    colours: tuple[ColourFigures, ...]
+    sharpening: SharpeningFigures | None = None
+    lateral_colour: tuple[LateralShift, ...] = ()
+    capacity: CapacityFigures | None = None
+    noise: NoiseCalibration | None = None
+    verdict: SharpnessVerdict | None = None
+    edges: tuple[EdgeOfColour, ...] = Field(default=(), repr=False)
+    provenance: Provenance | None = None
+    psf: PsfCalibration = Field(exclude=True, repr=False)
+    noise_measurement: NoiseMeasurement | None = Field(default=None, exclude=True, repr=False)
+    notes: tuple[str, ...] = Field(default=(), exclude=True, repr=False)
+
+    @property
+    def main(self) -> ColourFigures:
+        """The figures of the plane that the PSF is measured on: grey, luma, or one colour."""
+        return self.colours[0]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of lens.json, as ``standoff lens --json`` prints it."""
+        return json_object(self)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return every figure as a pandas table: a row for each edge, colour and figure.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(figure_rows(self))
+
+    def __repr__(self) -> str:
+        half = self.main.median.mtf50_cy_per_px
+        sharp = "no MTF50" if half is None else f"MTF50 {half.value:.4f} ± {half.err:.4f} cy/px"
+        colours = ", ".join(one.colour for one in self.colours)
+        return f"LensMeasurement({sharp}; {self.main.edges} edges; {colours})"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, *(_text(getattr(one.median, name)) for one in self.colours))
+            for name in FIGURE_NAMES
+        ]
+        return html_table(repr(self), ("", *(one.colour for one in self.colours)), rows)
+
+
+def _text(value: MeasuredValue | None) -> str:
+    return "" if value is None else str(value.estimate)
+
+
+def colour_figures(
+    edges: Mapping[Colour, Sequence[EdgeMeasurement]],
+) -> tuple[tuple[ColourFigures, ...], tuple[EdgeOfColour, ...]]:
+    """Return the medians of each colour, and the figures of each edge that is used."""
+    colours, rows = [], []
+    for colour, measured in edges.items():
+        used = [edge for edge in measured if edge.is_used]
+        figures = [edge_figures(edge) for edge in used]
+        curves = [edge.esfr for edge in used if edge.esfr is not None]
+        sharpening = sharpening_of(used)
+        beyond = {} if sharpening is None else _beyond(sharpening)
+        colours.append(
+            ColourFigures(
+                colour=colour,
+                edges=len(used),
+                median=median_figures(figures).model_copy(update=beyond),
+                sfr=mean_transfer(curves),
+            )
+        )
+        rows += [
+            EdgeOfColour(
+                colour=colour,
+                image=edge.image,
+                x_px=edge.x_px,
+                y_px=edge.y_px,
+                angle_deg=edge.angle_deg,
+                length_px=edge.length_px,
+                figures=one,
+            )
+            for edge, one in zip(used, figures, strict=True)
+        ]
+    return tuple(colours), tuple(rows)
+
+
+def lateral_shifts(edges: Sequence[EdgeMeasurement]) -> tuple[LateralShift, ...]:
+    """Return the largest shift of red and of blue; empty for photographs without colours."""
+    found = []
+    for colour in ("red", "blue"):
+        shifts = [
+            (shift, err, edge)
+            for edge in edges
+            if (shift := getattr(edge, f"{colour}_shift_px")) is not None
+            and (err := getattr(edge, f"{colour}_shift_err_px")) is not None
+        ]
+        if shifts:
+            shift, err, edge = max(shifts, key=lambda one: abs(one[0]))
+            value = MeasuredValue(value=shift, err=err)
+            found.append(
+                LateralShift.model_validate(
+                    {"colour": colour, "shift_px": value, "x_px": edge.x_px, "y_px": edge.y_px}
+                )
+            )
+    return tuple(found)
+
+
+def camera_figures(
+    sharpening: Sharpening | None,
+    capacity: CapacityFigures | None,
+    noise: NoiseMeasurement | None,
+) -> dict[str, Estimate]:
+    """Return the figures that a limits file bounds under ``[sharpening]`` and ``[camera]``."""
+    found: dict[str, Estimate] = {}
+    if sharpening is not None:
+        found["sharpening.max_overshoot"] = sharpening.overshoot
+        found["sharpening.max_undershoot"] = sharpening.undershoot
+    if capacity is not None:
+        quarter = capacity.freq_cy_per_px.index(0.25)
+        found["camera.min_neq_at_half_nyquist"] = Estimate(
+            value=capacity.neq[quarter], err=capacity.neq_err[quarter]
+        )
+        found["camera.min_information_bits_per_px"] = capacity.bits_per_px.estimate
+    if noise is not None:
+        sheet = noise.emva
+        found["camera.max_read_noise_e"] = Estimate(
+            value=sheet.dark_noise_e, err=sheet.dark_noise_err_e
+        )
+        for key, parts in (("max_prnu", sheet.prnu), ("max_dsnu_e", sheet.dsnu_e)):
+            found[f"camera.{key}"] = Estimate(value=parts.total, err=parts.err)
+        found["camera.min_dynamic_range_db"] = Estimate(
+            value=sheet.dynamic_range_db, err=sheet.dynamic_range_err_db
+        )
+    return found
+
+
+def figure_rows(lens: LensMeasurement) -> Iterator[dict[str, object]]:
+    """Return every figure of a measurement as lines of a long table, with units and errors.
+
+    Frequencies come in cycles per pixel, in line widths per picture height and, if the pixel pitch
+    is known, in cycles (line pairs) per millimetre.
+    """
+    for one in lens.colours:
+        where = {"colour": one.colour, "image": "", "x_px": None, "y_px": None, "angle_deg": None}
+        yield from _rows(lens, where | {"part": "median"}, one.median)
+    for edge in lens.edges:
+        where = edge.model_dump(include={"colour", "image", "x_px", "y_px", "angle_deg"})
+        yield from _rows(lens, where | {"part": "edge"}, edge.figures)
+    whole = {"colour": lens.main.colour, "image": "", "x_px": None, "y_px": None}
+    for name, value, err, unit in _camera_figures(lens):
+        where = whole | {"angle_deg": None, "part": "camera"}
+        yield where | {"figure": name, "value": value, "err": err, "unit": unit}
+
+
+def _rows(
+    lens: LensMeasurement, where: Mapping[str, object], figures: EdgeFigures
+) -> Iterator[dict[str, object]]:
+    for name in FIGURE_NAMES:
+        known: MeasuredValue | None = getattr(figures, name)
+        if known is None:
+            continue
+        plain, units = name, [("1", 1.0)]
+        if name.endswith("_cy_per_px"):
+            plain, units = name.removesuffix("_cy_per_px"), list(frequency_units(lens))
+        elif name.endswith("_px"):
+            plain, units = name.removesuffix("_px"), [("px", 1.0)]
+        for unit, factor in units:
+            value, err = factor * known.value, factor * known.err
+            yield {**where, "figure": plain, "value": value, "err": err, "unit": unit}
+
+
+def frequency_units(lens: LensMeasurement) -> Iterator[tuple[str, float]]:
+    """Return the units of frequency that are known, and what cycles per pixel are multiplied by."""
+    yield "cy/px", 1.0
+    if lens.picture_height_px is not None:
+        yield "LW/PH", lw_per_ph(1.0, lens.picture_height_px)
+    if lens.pixel_pitch_um is not None:
+        yield "lp/mm", lp_per_mm(1.0, lens.pixel_pitch_um)
+
+
+def _camera_figures(
+    lens: LensMeasurement,
+) -> Iterator[tuple[str, float, float | None, str]]:
+    """Name, value, standard error and unit of what holds for the whole camera."""
+    for shift in lens.lateral_colour:
+        yield f"largest_{shift.colour}_shift", shift.shift_px.value, shift.shift_px.err, "px"
+    if lens.capacity is not None:
+        yield from _capacity_figures(lens.capacity)
+    if lens.noise is not None:
+        for name, unit in _NOISE_UNITS.items():
+            value = getattr(lens.noise, name)
+            if value is not None:
+                yield name, value, getattr(lens.noise, f"{name}_err", None), unit
+
+
+def _capacity_figures(
+    capacity: CapacityFigures,
+) -> Iterator[tuple[str, float, float | None, str]]:
+    yield "level", capacity.level_dn, None, "DN"
+    yield "noise", capacity.noise_dn, None, "DN"
+    for freq, neq, err in zip(capacity.freq_cy_per_px, capacity.neq, capacity.neq_err, strict=True):
+        yield f"neq_at_{freq:.2f}_cy_per_px", neq, err, "quanta/px"
+    for one in capacity.detection:
+        yield f"snr of {one.description}", one.snr.value, one.snr.err, "1"
+        yield f"threshold contrast of {one.description}", one.threshold_contrast, None, "1"
+    yield "edge_location_err", capacity.edge_location_err_px, None, "px"
+    if capacity.edge_bits_per_px is not None:
+        known = capacity.edge_bits_per_px
+        yield "information_by_edges", known.value, known.err, "bits/px"
+    yield "information", capacity.bits_per_px.value, capacity.bits_per_px.err, "bits/px"
+    if capacity.most_bits_per_px is not None:
+        yield "information_of_full_range", capacity.most_bits_per_px, None, "bits/px"
+
+
+_NOISE_UNITS: Final = {
+    "gain_e_per_dn": "e/DN",
+    "read_noise_e": "e",
+    "black_level_dn": "DN",
+    "saturation_dn": "DN",
+    "saturation_e": "e",
+    "linearity_error": "1",
+    "dark_current_e_per_s": "e/s",
+    "dsnu_e": "e",
+    "prnu": "1",
+    "shading": "1",
+}

@@ -1,0 +1,173 @@
+"""``standoff lens``: the report of a lens and its camera, as a laboratory hands it over."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from typer import Option
+
+from calibration.choices import Pattern
+from standoff import library, terminal
+
+if TYPE_CHECKING:
+    from calibration.edges import Region
+    from calibration.lens import LensMeasurement
+    from calibration.sharpness import MeasuredValue
+
+_FRAMES = "a folder, a pattern such as 'flats/*.tif', or a file with a stack"
+_NAMED = "Name of the {} on the first page."
+_LABELS = ("lens", "camera", "target", "customer", "operator")
+
+
+@terminal.command(
+    terminal.exactly_one("images", "session"),
+    terminal.excludes("session", "dark", "flat", because="a session has its own"),
+    terminal.excludes("session", "bayer", because="captures are linear and grey"),
+    terminal.needs("dark", "flat"),
+    terminal.needs("flat", "dark"),
+    terminal.excludes("noise", "dark", "flat"),
+    suffixes_last=True,
+)
+def lens(
+    images: list[Path] | None = None,
+    *,
+    out: Annotated[Path, terminal.REPORT],
+    session: Path | None = None,
+    dark: Annotated[
+        list[Path] | None,
+        Option(
+            help=f"Dark frames of the same camera at the same gain: {_FRAMES}; repeat for each "
+            "exposure. A folder of folders holds several exposures.",
+            metavar="FRAMES",
+        ),
+    ] = None,
+    flat: Annotated[list[Path] | None, Option(metavar="FRAMES")] = None,
+    noise: Path | None = None,
+    region: str | None = None,
+    bayer: Pattern | None = None,
+    reading: terminal.Reading,
+    pixel_pitch_um: Annotated[
+        float | None,
+        Option(
+            parser=terminal.quantity("pixel_pitch_um"),
+            callback=terminal.checked_pitch,
+            metavar="UM",
+        ),
+    ] = None,
+    lens: Annotated[str | None, Option(help=_NAMED.format("lens"), metavar="TEXT")] = None,
+    camera: Annotated[str | None, Option(help=_NAMED.format("camera"), metavar="TEXT")] = None,
+    chart: Annotated[
+        str | None, Option(help=_NAMED.format("target with the edges"), metavar="TEXT")
+    ] = None,
+    customer: Annotated[str | None, Option(help=_NAMED.format("customer"), metavar="TEXT")] = None,
+    operator: Annotated[str | None, Option(help=_NAMED.format("operator"), metavar="TEXT")] = None,
+    bench: Path | None = None,
+    limits: Path | None = None,
+) -> None:
+    """Measure a lens and its camera, and write the report that a laboratory hands over.
+
+    Sharpness in all colours, sharpening, lateral chromatic aberration, noise-equivalent quanta,
+    information and, from darks and flats, the data sheet of EMVA 1288. A table (CSV) and a document
+    (JSON) of all figures are written beside the report.
+
+    Options
+    -------
+    images: Photographs of straight edges.
+    out: Where to write the report (HTML or PDF).
+    session: Capture session whose edge, dark and flat captures are used.
+    flat: Frames of an evenly lit white surface, given likewise, at three levels or more.
+    noise: noise.json of the camera, instead of darks and flats.
+    region: Part of the image to use: centre, or X,Y,W,H in px; all of it by default.
+    bayer: Bayer pattern of raw mosaics whose files do not state it.
+    pixel_pitch_um: Pixel pitch of the sensor, for lp/mm; by default that of the session's bench
+        file or of the EXIF data.
+    bench: Bench file (TOML) with these names ([labels]) and the pixel pitch ([optics]).
+    limits: Limits for pass and fail (TOML); the exit status is 0 even if one fails.
+    """
+    table, document = out.with_suffix(".csv"), out.with_suffix(".json")
+    terminal.refuse_replacing(table, document)
+    named = dict(zip(_LABELS, (lens, camera, chart, customer, operator), strict=True))
+    how = terminal.keywords_of(
+        library.measure_lens,
+        darks=_frames(dark),
+        flats=_frames(flat),
+        region=_region(region),
+        labels={name: text for name, text in named.items() if text is not None},
+        report=out,
+    )
+    found = library.measure_lens(
+        (images or ()) if session is None else library.Session(session), **how
+    )
+    library.write_lens(document, found)
+    library.write_lens(table, found)
+    terminal.answer(
+        found.to_json,
+        lambda: _show(found, f"wrote {out}, {document.name}, {table.name}"),
+        found.notes,
+    )
+
+
+def _frames(paths: list[Path] | None) -> Path | list[Path] | None:
+    """One path, which may hold several levels, or a level for each."""
+    return paths[0] if paths is not None and len(paths) == 1 else paths or None
+
+
+def _region(text: str | None) -> Region | Literal["centre"] | None:
+    if text is None:
+        return None
+    if text in ("centre", "center"):
+        return "centre"
+    from calibration.edges import Region
+
+    return terminal.parsed_region(text, "centre or X,Y,W,H in px", Region)
+
+
+_ROWS = (
+    ("MTF50 / (cy/px)", "mtf50_cy_per_px", 4),
+    ("MTF50P / (cy/px)", "mtf50p_cy_per_px", 4),
+    ("MTF20 / (cy/px)", "mtf20_cy_per_px", 4),
+    ("MTF10 / (cy/px)", "mtf10_cy_per_px", 4),
+    ("contrast at half Nyquist", "mtf_at_half_nyquist", 4),
+    ("contrast at Nyquist", "mtf_at_nyquist", 4),
+    ("edge rise, 10 to 90 % / px", "rise_px", 3),
+)
+
+
+def _show(found: LensMeasurement, wrote: str) -> None:
+    rows = [
+        [label, *(_cell(getattr(one.median, name), digits) for one in found.colours)]
+        for label, name, digits in _ROWS
+    ]
+    rows.append(["edges", *(str(one.edges) for one in found.colours)])
+    terminal.print_table(
+        "Medians over the edges, ± at 95 %", ["", *(one.colour for one in found.colours)], rows
+    )
+    if found.sharpening is not None:
+        terminal.say(found.sharpening.sentence)
+    for shift in found.lateral_colour:
+        terminal.say(
+            f"largest shift of {shift.colour} from green: {_cell(shift.shift_px, 3)} px at "
+            f"({shift.x_px:.0f}, {shift.y_px:.0f})"
+        )
+    capacity = found.capacity
+    if capacity is not None:
+        disc = capacity.detection[1]
+        terminal.say(
+            f"information: {capacity.bits_per_px.value:.2f} bits/px between levels "
+            f"{capacity.range_dn:.0f} DN apart; an ideal observer just sees a {disc.description} "
+            f"of {100 * disc.threshold_contrast:.2g} % contrast"
+        )
+    if found.noise_measurement is not None:
+        sheet = found.noise_measurement.emva
+        terminal.say(
+            f"EMVA 1288: read noise {sheet.dark_noise_e:.2f} e, saturation "
+            f"{sheet.saturation_e:.0f} e, dynamic range {sheet.dynamic_range_db:.1f} dB"
+        )
+    if found.verdict is not None:
+        terminal.print_verdict(found.verdict)
+    terminal.say(wrote)
+
+
+def _cell(known: MeasuredValue | None, digits: int) -> str:
+    return "" if known is None else known.estimate.text(digits)

@@ -1,0 +1,321 @@
+"""The report of a lens and its camera: sharpness in all colours, noise, and both together."""
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from acquisition.files import PAGES, require_writable, write_file, write_page
+from acquisition.photographs import ReadOptions
+from acquisition.printable import on_one_line
+from acquisition.session import Session
+from calibration.choices import Channel, Pattern
+from calibration.documents import write_document
+from calibration.edges import EdgeImage, EdgeMeasurement, EdgeSelection, Region, plane_places
+from calibration.errors import LensFileError
+from calibration.lens import (
+    CapacityFigures,
+    Colour,
+    LensMeasurement,
+    SharpeningFigures,
+    camera_figures,
+    capacity_figures,
+    colour_figures,
+    figure_rows,
+    lateral_shifts,
+)
+from calibration.noise import NoiseCalibration, NoiseMeasurement
+from calibration.psf import PsfCalibration, edge_records, mosaic_plane
+from calibration.sharpness import read_limits, sharpening_of, with_sharpness
+from simulation.arguments import ArgumentError, checked
+from standoff.library.call import (
+    Call,
+    FilePath,
+    ImageLike,
+    NoiseLike,
+    Progress,
+    listed_images,
+    output_path,
+    stored_noise,
+)
+from standoff.library.edges import EdgeSources, Reading, from_images, from_session
+from standoff.library.noise import Frames, measure_noise
+from standoff.library.psf_calibration import calibrate_psf
+
+_COLOURS: tuple[Literal["red", "green", "blue"], ...] = ("red", "green", "blue")
+_COLUMNS = (
+    *("part", "colour", "image", "x_px", "y_px", "angle_deg"),
+    *("figure", "value", "err", "unit"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Noise:
+    """The noise calibration, with the measurement that it is from if there was one."""
+
+    calibration: NoiseCalibration | None = None
+    measurement: NoiseMeasurement | None = None
+
+    def of(self, given: "_Photographs") -> NoiseCalibration | None:
+        """Return the noise of the photographs: of a session, for as many frames as they have."""
+        if self.calibration is None or not isinstance(given.images, Session):
+            return self.calibration
+        frames = {record.frames_used for record in edge_records(given.images)}
+        if len(frames) != 1:
+            return self.calibration
+        return self.calibration.model_copy(update={"frames_averaged": frames.pop()})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Photographs:
+    """Photographs or a session, and how the edges in them are found and read."""
+
+    images: list[ImageLike] | Session
+    region: Region | Literal["centre"] | None
+    bayer: Pattern | None
+
+    def sources(self, call: Call) -> EdgeSources:
+        """Return the photographs, each read when its turn comes."""
+        if isinstance(self.images, Session):
+            return from_session(self.images, Reading())
+        channel: Channel = "luma" if self.bayer is None else "green"
+        return from_images(self.images, Reading(channel=channel, pattern=self.bayer), call)
+
+    def selection(self) -> EdgeSelection:
+        """Return which edges count."""
+        region = self.region
+        if region == "centre":
+            return EdgeSelection(region=lambda source: Region.centre(*source.frame))
+        return EdgeSelection(region=lambda _: region)
+
+
+@checked
+def measure_lens(
+    images: ImageLike | Iterable[ImageLike] | Session,
+    *,
+    darks: Frames | None = None,
+    flats: Frames | None = None,
+    noise: NoiseLike | None = None,
+    region: Region | Literal["centre"] | None = None,
+    bayer: Pattern | None = None,
+    pixel_pitch_um: float | None = None,
+    limits: FilePath | None = None,
+    labels: Mapping[str, str] | None = None,
+    bench: FilePath | None = None,
+    white_level: float | None = None,
+    report: FilePath | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> LensMeasurement:
+    """Measure a lens and its camera for a report: sharpness by colour, noise, and both together.
+
+    Parameters
+    ----------
+    images
+        Photographs of straight edges, arrays linear in light or files; or a session, whose edge,
+        dark and flat captures are used.
+    darks, flats
+        Single frames of the same camera at the same gain, as in ``measure_noise``.
+    noise
+        The noise of the camera, or the path of a noise.json, instead of ``darks`` and ``flats``.
+    region, bayer, pixel_pitch_um, limits, labels, bench, white_level
+        As in ``calibrate_psf``.
+    report
+        Path of the report to write as well, HTML or PDF.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Shows the progress of the call, see `Progress`; by default nothing is shown.
+
+    Returns
+    -------
+    LensMeasurement
+        The figures of the edges in each colour, sharpening, lateral chromatic aberration, quanta
+        and information, noise; ``write_lens`` writes them.
+
+    Raises
+    ------
+    ArgumentError
+        If two arguments do not go together.
+    CalibrationError
+        If the photographs or frames do not determine what is measured, or a file cannot be read.
+
+    Examples
+    --------
+    >>> lens = standoff.measure_lens(["vertical.tif", "horizontal.tif"])
+    >>> [(one.colour, round(one.median.mtf50_cy_per_px.value, 2)) for one in lens.colours]
+    [('luma', 0.2), ('red', 0.2), ('green', 0.2), ('blue', 0.2)]
+    >>> lens.sharpening.is_sharpened
+    False
+    """
+    page = None if report is None else output_path(report, "report", PAGES)
+    require_writable([page])
+    given = _Photographs(
+        images=images if isinstance(images, Session) else listed_images(images),
+        region=region,
+        bayer=bayer,
+    )
+    call = Call("measure_lens", progress, reading, (noise, limits, bench), white_level)
+    bounds = None if limits is None else read_limits(Path(limits))
+    if isinstance(given.images, Session):
+        call.inputs.add_session(given.images)
+    known = _noise_of(given, {"darks": darks, "flats": flats}, noise, call, progress)
+    psf = calibrate_psf(
+        given.images,
+        region=region,
+        bayer=bayer,
+        pixel_pitch_um=pixel_pitch_um,
+        labels=labels,
+        bench=bench,
+        white_level=white_level,
+        reading=reading,
+        progress=progress,
+    )
+    measured = () if known.measurement is None else known.measurement.transfer.notes
+    for remark in (*psf.notes, *measured):
+        call.announce(remark)
+    sources = given.sources(call)
+    colours, edges = colour_figures(_edges_by_colour(given, psf, sources, call))
+    sharpening = sharpening_of(psf.edges_used)
+    capacity = _capacity_of(psf, known.of(given), call)
+    if bounds is not None and limits is not None:
+        figures = camera_figures(sharpening, capacity, known.measurement)
+        psf = psf.judged(bounds, on_one_line(limits), figures)
+    lens = LensMeasurement(
+        labels=psf.labels,
+        picture_width_px=psf.picture_width_px,
+        picture_height_px=psf.picture_height_px,
+        pixel_pitch_um=psf.pixel_pitch_um,
+        colours=colours,
+        edges=edges,
+        sharpening=None if sharpening is None else SharpeningFigures.of(sharpening),
+        lateral_colour=lateral_shifts(psf.edges_used),
+        capacity=capacity,
+        noise=known.calibration,
+        verdict=psf.verdict,
+        provenance=call.provenance(),
+        psf=psf,
+        noise_measurement=known.measurement,
+        notes=call.notes,
+    )
+    if page is not None:
+        from analysis.reports import lens_report  # loads what plots
+
+        write_page(page, lens_report(lens, sources.load, sources.session).html())
+    return lens
+
+
+def _noise_of(
+    given: _Photographs,
+    frames: Mapping[str, Frames | None],
+    noise: NoiseLike | None,
+    call: Call,
+    progress: Progress | None,
+) -> _Noise:
+    """Return what is known of the camera's noise."""
+    stated = [name for name, value in frames.items() if value is not None]
+    if stated and noise is not None:
+        raise ArgumentError(f"give either noise or {stated[0]}", argument="noise")
+    if stated:
+        found = measure_noise(**frames, reading=call.inputs.options, progress=progress)  # type: ignore[arg-type]  # each is frames
+        return _Noise(calibration=found.calibration, measurement=found)
+    if noise is not None:
+        stored = stored_noise(noise)
+        if not isinstance(stored, NoiseCalibration):
+            raise ArgumentError("expected a noise calibration or its file", argument="noise")
+        return _Noise(calibration=stored)
+    if isinstance(given.images, Session):
+        kinds = {one.kind for one in given.images.records if one.frames_used > 1}
+        if {"dark", "flat"} <= kinds:
+            found = measure_noise(given.images, progress=progress)
+            return _Noise(calibration=found.calibration, measurement=found)
+        call.note("the session has no darks and flats: noise is that of the edges alone")
+    return _Noise()
+
+
+def _capacity_of(
+    psf: PsfCalibration, noise: NoiseCalibration | None, call: Call
+) -> CapacityFigures | None:
+    """Return quanta and information; of raw mosaics none."""
+    if psf.channels:
+        call.note("no noise-equivalent quanta of raw mosaics: a colour has every second pixel")
+        return None
+    capacity, remarks = capacity_figures(psf, noise)
+    for remark in remarks:
+        call.note(remark)
+    return capacity
+
+
+def _edges_by_colour(
+    given: _Photographs, psf: PsfCalibration, sources: EdgeSources, call: Call
+) -> dict[Colour, Sequence[EdgeMeasurement]]:
+    """Return the edges of every colour, those of the PSF first.
+
+    Every photograph is read once more, which ``sources`` needs to read it again by its name.
+    """
+    others: dict[Colour, list[EdgeMeasurement]] = {}
+    main: Colour = "green" if psf.channels else "grey"
+    selection = given.selection()
+    with call.bar("measuring colours", sources.count) as advance_to:
+        for done, image in enumerate(sources.images, start=1):
+            for colour, plane in _planes(image, sources.reading.pattern):
+                if psf.channels is None:
+                    main = "luma"
+                if colour != main:
+                    found = selection.measured_in(plane, "all-angles")
+                    others.setdefault(colour, []).extend(with_sharpness(found, plane))
+            advance_to(done)
+    return {main: psf.edges} | {name: others[name] for name in _COLOURS if name in others}
+
+
+def _planes(image: EdgeImage, pattern: Pattern | None) -> Iterator[tuple[Colour, EdgeImage]]:
+    """Yield the colours of a photograph; none of a grey one, even if it is stored as colour."""
+    if pattern is not None:
+        for place in plane_places(pattern):
+            yield place.colour, mosaic_plane(image, place)
+        return
+    colours = image.colours_dn
+    if colours is None or not np.any(np.ptp(colours, axis=2)):
+        return
+    for number, colour in enumerate(_COLOURS):
+        plane = np.asarray(colours[:, :, number], dtype=np.float64)
+        yield (
+            colour,
+            replace(image, image_dn=plane, noise=None, compression=None, colours_dn=None),
+        )
+
+
+@checked
+def write_lens(path: FilePath, lens: LensMeasurement) -> None:
+    """Write the figures of a lens: all of them as JSON, or as CSV, one figure a row.
+
+    Parameters
+    ----------
+    path
+        Path of the file to write, ``.json`` or ``.csv``.
+    lens
+        As ``measure_lens`` returns it.
+
+    Raises
+    ------
+    LensFileError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> lens = standoff.measure_lens("vertical.tif")
+    >>> standoff.write_lens("lens.csv", lens)
+    """
+    target: Path = output_path(path, "path", {".json", ".csv"})
+    if target.suffix.lower() == ".json":
+        write_document(target, lens, LensFileError)
+        return
+    text = StringIO(newline="")
+    table = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
+    table.writeheader()
+    table.writerows(figure_rows(lens))
+    write_file(target, text.getvalue().encode("utf-8"))

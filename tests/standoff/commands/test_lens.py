@@ -1,0 +1,161 @@
+"""``standoff lens``: one report, one table and one document of a lens and its camera."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+import standoff
+from standoff.errors import ArgumentError
+from tests.analysis.html_page import Page
+from tests.calibration.closed_form import edge_image
+from tests.standoff.conftest import SMALL_BENCH, Command
+
+PLAN = """
+schema = "standoff.plan/1"
+name = "lens"
+heights_mm = [200.0]
+frames_per_capture = 4
+
+[[targets]]
+kind = "edge"
+target = "edge"
+orientations_deg = [5.0, 50.0, 95.0]
+"""
+NOISE = """
+[[targets]]
+kind = "dark"
+target = "dark"
+exposure_us = [21.0, 8000.0]
+
+[[targets]]
+kind = "flat"
+target = "flat"
+exposure_us = [1000.0, 2000.0, 4000.0, 6000.0, 8000.0, 16000.0]
+"""
+
+
+def frames(folder: Path, electrons: float, seed: int, count: int = 6) -> Path:
+    """Frames of a sensor of 4 e/DN with a read noise of 6 e."""
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(seed)
+    for number in range(count):
+        light = rng.poisson(electrons, (60, 80)) + rng.normal(0, 6.0, (60, 80))
+        tifffile.imwrite(folder / f"{number}.tif", np.round(50 + light / 4).astype(np.uint16))
+    return folder
+
+
+@pytest.mark.slow
+def test_a_session_gives_everything_on_one_page(command: Command, tmp_path: Path) -> None:
+    session = command.captured(tmp_path, f"{SMALL_BENCH}read_noise_e = 14.0\n", PLAN + NOISE)
+    out = tmp_path / "lens.html"
+    said = command.done("lens", "--session", session, "--out", out)
+    assert "EMVA 1288: read noise 1" in said.out
+    document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
+    assert document["noise"]["read_noise_e"] == pytest.approx(14.0, rel=0.02)
+    assert document["capacity"]["noise_from"] == "darks and flats"
+    assert not document["sharpening"]["is_sharpened"]
+    assert [one["path"] for one in document["provenance"]["inputs"]]
+    page = Page(out.read_text("utf-8"))
+    assert "EMVA 1288 data sheet, linear model" in page.headings
+    with (tmp_path / "lens.csv").open(encoding="utf-8", newline="") as table:
+        rows = list(csv.DictReader(table))
+    gains = [row for row in rows if row["figure"] == "gain_e_per_dn"]
+    assert float(gains[0]["value"]) == document["noise"]["gain_e_per_dn"]
+    assert gains[0]["unit"] == "e/DN"
+
+
+@pytest.mark.slow
+def test_limits_take_the_figures_of_the_camera(
+    command: Command, edge_file: Path, noise_file: Path, tmp_path: Path
+) -> None:
+    limits = tmp_path / "limits.toml"
+    limits.write_text(
+        "[sharpening]\nmax_overshoot = 0.05\n\n[camera]\nmin_information_bits_per_px = 60\n"
+        "max_prnu = 0.02\n"
+    )
+    lens = standoff.measure_lens(edge_file, noise=noise_file, limits=limits)
+    assert lens.verdict is not None
+    outcomes = {one.limit: one.outcome for one in lens.verdict.limits}
+    assert outcomes == {
+        "sharpening.max_overshoot": "pass",
+        "camera.min_information_bits_per_px": "fail",
+        "camera.max_prnu": "unsure",  # a noise.json has no frames
+    }
+    command.done("lens", edge_file, "--limits", limits, "--out", tmp_path / "lens.html")
+    assert "FAIL" in Page((tmp_path / "lens.html").read_text("utf-8")).text.upper()
+
+
+@pytest.mark.slow
+def test_frames_of_ones_own_give_the_data_sheet(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    dark = frames(tmp_path / "dark", 0.0, 1)
+    flats = [
+        frames(tmp_path / f"flat-{e}", e, seed)
+        for seed, e in enumerate((1500, 4000, 8000, 12000), 2)
+    ]
+    out = tmp_path / "lens.html"
+    words = [word for flat in flats for word in ("--flat", flat)]
+    command.done("lens", edge_file, "--dark", dark, *words, "--out", out)
+    document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
+    assert document["noise"]["gain_e_per_dn"] == pytest.approx(4.0, rel=0.05)
+    assert document["noise"]["read_noise_e"] == pytest.approx(6.0, rel=0.1)
+    page = Page(out.read_text("utf-8"))
+    assert any("so saturation is taken from the pixel format" in text for text in page.texts)
+
+
+def test_results_that_are_there_already_are_kept(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "lens.csv").write_text("mine")
+    done = command("lens", edge_file, "--out", tmp_path / "lens.html")
+    assert done.status != 0
+    assert "lens.csv" in done.err
+    assert (tmp_path / "lens.csv").read_text() == "mine"
+    assert not (tmp_path / "lens.html").exists()
+
+
+def test_colours_are_measured_in_one_run(tmp_path: Path) -> None:
+    grey = tifffile.imread(Path(__file__).parents[2] / "data" / "edges" / "v_edge.tif")
+    lens = standoff.measure_lens(grey)
+    assert [one.colour for one in lens.colours] == ["luma", "red", "green", "blue"]
+    assert {edge.colour for edge in lens.edges} == {"luma", "red", "green", "blue"}
+    assert {one.colour for one in lens.lateral_colour} == {"red", "blue"}
+    alone = standoff.calibrate_psf(grey, channel="red")
+    red = sorted(
+        edge.figures.mtf50_cy_per_px.value
+        for edge in lens.edges
+        if edge.colour == "red" and edge.figures.mtf50_cy_per_px is not None
+    )
+    assert red == pytest.approx(
+        sorted(edge.esfr_mtf50_cy_per_px or 0.0 for edge in alone.edges_used), rel=1e-6
+    )
+
+
+def test_a_grey_photograph_stored_as_colour_has_one_colour(edge_file: Path) -> None:
+    grey = tifffile.imread(edge_file)
+    lens = standoff.measure_lens(np.repeat(grey[:, :, np.newaxis], 3, axis=2))
+    assert [one.colour for one in lens.colours] == ["grey"]
+    assert lens.lateral_colour == ()
+
+
+def test_a_raw_mosaic_has_three_colours_and_no_quanta() -> None:
+    images = [edge_image(0.9, normal, shape=(260, 260)) for normal in (7.0, 97.0)]
+    lens = standoff.measure_lens(images, bayer="RGGB")
+    assert [one.colour for one in lens.colours] == ["green", "red", "blue"]
+    assert lens.capacity is None
+    assert any("no noise-equivalent quanta of raw mosaics" in note for note in lens.notes)
+
+
+def test_noise_and_frames_exclude_each_other(edge_file: Path, noise_file: Path) -> None:
+    with pytest.raises(ArgumentError, match="give either noise or darks"):
+        standoff.measure_lens(edge_file, darks=["a"], flats=["b"], noise=noise_file)
+    with pytest.raises(ArgumentError, match="expected a noise calibration"):
+        standoff.measure_lens(
+            edge_file,
+            noise=standoff.CaptureNoise(gain_e_per_dn=4, read_noise_e=6, black_level_dn=50),
+        )
