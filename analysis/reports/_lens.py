@@ -37,8 +37,9 @@ from simulation.palette import BLUE, GREEN, INK, POINTS, VERMILION
 
 _INKS = {"grey": INK, "luma": INK, "red": VERMILION, "green": GREEN, "blue": BLUE}
 _NAMES = {"luma": "Y", "red": "R", "green": "G", "blue": "B", "grey": "grey"}
-_EDGES_LISTED = 10
-_INPUTS_LISTED = 8
+_EDGES_LISTED = 6
+_INPUTS_LISTED = 4
+_PHOTOGRAPH_IN = 2.3
 _PROFILE_PX = 6.0
 _DIGITS = {"cy/px": 4, "LW/PH": 0, "lp/mm": 2, "px": 3, "%": 2, "": 4}
 
@@ -387,7 +388,9 @@ def _photographs_section(
 ) -> ReportSection | None:
     if not lens.psf.edges:
         return None
-    found = edges_section(lens.psf, list(lens.psf.edges), lambda edge: load(edge.image), most=2)
+    found = edges_section(
+        lens.psf, list(lens.psf.edges), lambda edge: load(edge.image), 2, _PHOTOGRAPH_IN
+    )
     return replace(found, title="Photographs", is_folded=True)
 
 
