@@ -135,7 +135,7 @@ def measure_lens(
         The noise of the camera, or the path of a noise.json, instead of ``darks`` and ``flats``;
         the data sheet of EMVA 1288 needs the frames.
     region, bayer, pixel_pitch_um, limits, labels, bench, white_level
-        As in ``calibrate_psf``.
+        As in ``calibrate_psf``; the operator is by default that of the session.
     report
         Path of the report to write as well, HTML or PDF.
     reading
