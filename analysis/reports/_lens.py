@@ -1,4 +1,4 @@
-"""The report of a lens and its camera: six figures first, maps of the field, then the details."""
+"""The report of a lens and its camera: six figures at most, maps of the field, then details."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -26,6 +26,7 @@ from analysis.reports._psf_field import field_map_section, lateral_colour_sectio
 from calibration.edges import EdgeMeasurement
 from calibration.estimate import NORMAL_95, with_reach
 from calibration.lens import CapacityFigures, LensMeasurement, frequency_units
+from calibration.robust import median_err
 from calibration.sharpness import (
     EdgeFigures,
     MeasuredValue,
@@ -36,12 +37,11 @@ from simulation.palette import BLUE, GREEN, INK, POINTS, VERMILION
 
 _INKS = {"grey": INK, "luma": INK, "red": VERMILION, "green": GREEN, "blue": BLUE}
 _NAMES = {"luma": "Y", "red": "R", "green": "G", "blue": "B", "grey": "grey"}
-_EDGES_LISTED = 10
-_INPUTS_LISTED = 8
+_EDGES_LISTED = 6
+_INPUTS_LISTED = 4
+_PHOTOGRAPH_IN = 2.3
 _PROFILE_PX = 6.0
 _DIGITS = {"cy/px": 4, "LW/PH": 0, "lp/mm": 2, "px": 3, "%": 2, "": 4}
-
-STANDARDS: Final = "ISO 12233:2024 (e-SFR, annex D), EMVA 1288 R4 (linear)"
 
 _DEPARTURES = (
     "ISO 12233:2024, e-SFR. As in the standard: slanted straight edges, linear levels, the "
@@ -73,7 +73,8 @@ def lens_report(
     names = list(dict.fromkeys(edge.image for edge in psf.edges))
     subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs of edges"
     front = calibration_front(psf, lens.notes)
-    facts = (*front.facts, ("standards", STANDARDS), ("software", f"standoff {_own_version()}"))
+    software = ("software", f"standoff {_own_version()}")
+    facts = (*front.facts, *_standards(lens), software)
     return Report(
         title="Lens and camera",
         subtitle=subtitle,
@@ -96,12 +97,23 @@ def lens_report(
     )
 
 
+def _standards(lens: LensMeasurement) -> Iterator[tuple[str, str]]:
+    """Name the standards by which something on the page was measured."""
+    named = []
+    if any(edge.figures.is_model_free for edge in lens.edges):
+        named.append("ISO 12233:2024 (e-SFR, annex D)")
+    if lens.noise_measurement is not None:
+        named.append("EMVA 1288 R4 (linear)")
+    if named:
+        yield "standards", ", ".join(named)
+
+
 def _own_version() -> str:
     return dict(versions())["standoff"]
 
 
 def _headlines(lens: LensMeasurement) -> Iterator[Verdict]:
-    """Six figures: of the lens, of its processing, of the camera, of both together."""
+    """Up to six figures: of the lens, of its processing, of the camera, of both together."""
     main = lens.main
     half = main.median.mtf50_cy_per_px
     if half is not None:
@@ -161,7 +173,7 @@ def _last_headline(lens: LensMeasurement) -> Iterator[Verdict]:
         yield Verdict(
             "dynamic range",
             f"{sheet.dynamic_range_db:.1f} dB",
-            f"{sheet.dynamic_range_bits:.1f} bits; EMVA 1288",
+            f"{sheet.dynamic_range_text}; {sheet.dynamic_range_bits:.1f} bits; EMVA 1288",
         )
     elif lens.capacity is not None:
         disc = lens.capacity.detection[1]
@@ -200,6 +212,7 @@ def _sharpness_section(lens: LensMeasurement) -> ReportSection:
         "contrast, which sharpening raises less. Over- and undershoot: of the median edge profile "
         "beyond its flat ends, over their difference.",
         None if height is None else f"Picture height (PH): {height} px.",
+        _OF_MOSAICS if lens.psf.channels else None,
         *_by_gaussian(lens),
         sentence,
         _sharpness_table(lens),
@@ -215,6 +228,13 @@ def _sharpness_section(lens: LensMeasurement) -> ReportSection:
             "Edge profile, median over the edges, 0 and 1 its flat ends, with its 95 % band.",
         ),
     )
+
+
+_OF_MOSAICS: Final = (
+    "Raw mosaics: frequencies are in cycles per pixel of the sensor, as is Nyquist, 0.5 cy/px. A "
+    "colour has every second pixel: its own Nyquist frequency is 0.25 cy/px, and contrast beyond "
+    "that comes back as aliasing before the colours are interpolated."
+)
 
 
 def _by_gaussian(lens: LensMeasurement) -> Iterator[str]:
@@ -297,7 +317,7 @@ def _plot_edge_profile(edges: Iterable[EdgeMeasurement]) -> Figure | None:
     profiles = np.array([one.esf(distance) for one in known])
     errs = np.array([one.esf_err(distance) for one in known])
     middle = np.median(profiles, axis=0)
-    band = NORMAL_95 * np.sqrt(np.mean(errs**2, axis=0) / len(known))
+    band = NORMAL_95 * median_err(profiles, errs)
     figure, axes = new_plot(3.6, 2.6)
     axes.plot(distance, middle, color=INK, linewidth=1.4)
     axes.fill_between(distance, middle - band, middle + band, color=INK, alpha=0.15, linewidth=0)
@@ -320,10 +340,10 @@ def _information_section(capacity: CapacityFigures | None) -> ReportSection | No
         rows.append(("for all levels up to saturation", f"{capacity.most_bits_per_px:.2f}"))
     return ReportSection.of(
         "Noise-equivalent quanta, detection and information",
-        f"At {level} above black, where a photograph has a noise of {noise} (from "
-        f"{capacity.noise_from}, taken as white). An image with NEQ quanta a pixel and no blur "
-        "would show a pattern of that frequency as well. An ideal observer knows the object and "
-        "the camera exactly: nobody finds it with less contrast.",
+        f"At {level} above black, {capacity.level_of}, where a photograph has a noise of {noise} "
+        f"(from {capacity.noise_from}, taken as white). An image with NEQ quanta a pixel and no "
+        "blur would show a pattern of that frequency as well. An ideal observer knows the object "
+        "and the camera exactly: nobody finds it with less contrast.",
         "An edge 100 px long, whose step is a tenth of the light, can be located to "
         f"{capacity.edge_location_err_px:.4f} px at best.",
         ReportTable.of(
@@ -339,7 +359,9 @@ def _information_section(capacity: CapacityFigures | None) -> ReportSection | No
             rows=tuple(rows),
             caption=f"Shannon's for real samples, between levels {capacity.range_dn:.0f} DN apart. "
             "The method by edges takes a round lens and the frequencies up to 0.5 cy/px in all "
-            "directions (a disc); the integral takes all that the sampling passes (a square).",
+            "directions (a disc); the integral takes all that the sampling passes (a square). "
+            "Published figures by edges may leave out the half in Shannon's formula, and are then "
+            "twice as large.",
         ),
         ReportFigure.of(
             _plot_neq(capacity), "Noise-equivalent quanta a pixel, mean over directions, 95 % band."
@@ -366,7 +388,9 @@ def _photographs_section(
 ) -> ReportSection | None:
     if not lens.psf.edges:
         return None
-    found = edges_section(lens.psf, list(lens.psf.edges), lambda edge: load(edge.image), most=2)
+    found = edges_section(
+        lens.psf, list(lens.psf.edges), lambda edge: load(edge.image), 2, _PHOTOGRAPH_IN
+    )
     return replace(found, title="Photographs", is_folded=True)
 
 

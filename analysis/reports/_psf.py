@@ -213,8 +213,9 @@ def edges_section(
     found: list[EdgeMeasurement],
     load_image: _ImageLoader,
     most: int = _IMAGES_SHOWN,
+    half_width_in: float = _HALF_WIDTH_IN,
 ) -> ReportSection:
-    """Show the edges on up to so many photographs."""
+    """Show the edges on up to so many photographs, two side by side."""
     missing = _missing_text(len(psf.edges) - len(found))
     if not found:
         return ReportSection.of("Edges", missing)
@@ -225,7 +226,7 @@ def edges_section(
     # Photographs whose edges point in other directions than those already shown.
     by_direction = {_directions(edges): name for name, edges in reversed(by_image.items())}
     shown = sorted(by_direction.values())[:most]
-    width_in = _WHOLE_WIDTH_IN if len(shown) == 1 else _HALF_WIDTH_IN
+    width_in = _WHOLE_WIDTH_IN if len(shown) == 1 else half_width_in
     text = "The edge that was found and fitted, with its MTF50 in cy/px."
     if len(found) > 1:
         text = (

@@ -282,7 +282,8 @@ def noise_power_spectrum(frames_dn: ArrayLike, block_px: int = 64) -> NoisePower
 
     The mean of the frames is taken off, and with it all that stands still: fixed pattern, shading
     and dust. What is left is cut into overlapping blocks, windowed (Hann) and transformed; the
-    spectrum is averaged over blocks and frames and over rings of frequency.
+    spectrum is averaged over blocks and frames and over rings of frequency. It is for use from
+    Python: ``standoff lens`` takes noise as white.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from math import pi, sqrt
+from math import sqrt
 from pathlib import PurePath
 from typing import Literal, NamedTuple, Self
 
@@ -47,13 +47,11 @@ from calibration.edges._samples import (
     without_shading,
 )
 from calibration.edges._segments import EdgeSegment, Orientation, band_half_width, orientation_of
-from calibration.robust import robust_sigma
+from calibration.robust import median_err
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
 
-_MEDIAN_ERR = sqrt(pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
-_FEWEST_FOR_SCATTER = 4
 _ENOUGH_FOR_NOISE = 64  # edges: their mean square error is that of all within some per cent
 
 TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
@@ -96,29 +94,14 @@ def mean_transfer(edges: Sequence[EdgeSfr]) -> AxisTransfer | None:
         return None
     curves = np.array([edge.transform(TRANSFER_FREQ_CY_PER_PX).real for edge in edges])
     mtf = np.maximum(np.median(curves, axis=0), 0.0)
+    some = edges[:: max(len(edges) // _ENOUGH_FOR_NOISE, 1)]
+    errs = np.array([edge.transform_err(TRANSFER_FREQ_CY_PER_PX) for edge in some])
     return AxisTransfer(
         freq_cy_per_px=tuple(round(freq, 6) for freq in TRANSFER_FREQ_CY_PER_PX.tolist()),
         mtf=tuple(mtf.tolist()),
         edges=len(edges),
-        mtf_err=tuple(_median_err(edges, curves).tolist()),
+        mtf_err=tuple(median_err(curves, errs).tolist()),
     )
-
-
-def _median_err(edges: Sequence[EdgeSfr], curves: FloatArray) -> FloatArray:
-    """Standard error of the median: from the pixels' noise, or the edges' scatter if that is more.
-
-    The scatter of few edges is no measure: up to three, noise alone counts.
-    """
-    count = len(edges)
-    some = edges[:: max(count // _ENOUGH_FOR_NOISE, 1)]
-    errs = np.array([edge.transform_err(TRANSFER_FREQ_CY_PER_PX) for edge in some])
-    share = 1.0 if count < 3 else _MEDIAN_ERR
-    noise = share * np.sqrt(np.mean(errs**2, axis=0) / count)
-    if count < _FEWEST_FOR_SCATTER:
-        return np.asarray(noise)
-    away = curves - np.median(curves, axis=0)
-    scatter = np.array([robust_sigma(column) for column in away.T])
-    return np.asarray(np.maximum(noise, _MEDIAN_ERR * scatter / sqrt(count)))
 
 
 BIN_PX = 0.25

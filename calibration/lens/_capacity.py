@@ -25,13 +25,15 @@ from calibration.edges import AxisTransfer, EdgeMeasurement
 from calibration.errors import PsfFileError
 from calibration.noise import NoiseCalibration
 from calibration.psf import PsfCalibration
-from calibration.sharpness import MeasuredValue
+from calibration.sharpness import MeasuredValue, sharpening_of
 from simulation.arrays import FloatArray
 
 CONTRAST: Final = 0.1
 """Contrast of the objects whose SNR is stated."""
 EDGE_LENGTH_PX: Final = 100.0
 EDGE_SHIFT_PX: Final = 0.1
+
+LevelOf = Literal["the bright side of the edges", "the mean of both sides of the edges"]
 
 _DISCS_PX = (2.0, 5.0, 10.0)
 _BAR_PX = (1.0, 10.0)
@@ -60,8 +62,11 @@ class CapacityFigures(StoredModel):
 
     Parameters
     ----------
-    level_dn, noise_dn, noise_from
-        Level above black, and the noise of a photograph there, with the source of the latter.
+    level_dn, level_of
+        Level above black that quanta and detection hold at, and what it is of the edges: their
+        bright side or, where their own noise counts, the mean of both sides.
+    noise_dn, noise_from
+        Noise of a photograph at that level, and its source.
     range_dn
         Between the levels of the edges, median; the information is that of this range.
     freq_cy_per_px, neq, neq_err
@@ -72,14 +77,16 @@ class CapacityFigures(StoredModel):
     edge_bits_per_px
         Information capacity by edges alone (Koren's method), median over them.
     bits_per_px
-        The same by transfer and noise over all frequencies of the sampling.
+        The same by transfer and noise over all frequencies of the sampling. The noise of both is
+        the mean square over the levels of the edges.
     most_bits_per_px
-        As that, for all levels from black to saturation; None without the saturation.
+        As that, for all levels from black to saturation; None where no capture reached it.
     is_round
         Whether the lens was taken as round, because the edges show one direction only.
     """
 
     level_dn: float
+    level_of: LevelOf
     noise_dn: float
     noise_from: str
     range_dn: float
@@ -101,9 +108,12 @@ def capacity_figures(
 
     Without a noise calibration, or with one that is not of these photographs (their own noise is
     1.3 times as much or as little), the noise is that of the pixels around the edges. None where
-    there is no edge with levels, or none has noise.
+    there is no edge with levels, none has noise, or the photographs are processed: stored with a
+    tone curve, as JPEG, or sharpened.
     """
     edges = [edge for edge in psf.edges_used if edge.levels_dn is not None]
+    if (processing := _processing_of(psf)) is not None:
+        return None, (f"no noise-equivalent quanta: the photographs are {processing}",)
     light = _Light.of(edges, noise)
     if light is None:
         return None, ("no noise-equivalent quanta: the photographs show no noise",)
@@ -119,6 +129,7 @@ def capacity_figures(
     neq, neq_err = _mean_over_directions(camera)
     figures = CapacityFigures(
         level_dn=light.level_dn,
+        level_of=light.level_of,
         noise_dn=sqrt(light.noise.variance_dn2),
         noise_from=light.noise_from,
         range_dn=light.range_dn,
@@ -128,22 +139,47 @@ def capacity_figures(
         detection=_detection(camera),
         edge_location_err_px=edge_location_err_px(camera, CONTRAST, EDGE_LENGTH_PX),
         edge_bits_per_px=_edge_bits(edges),
-        bits_per_px=_bits(camera, light.range_dn),
+        bits_per_px=_bits(replace(camera, noise=light.mean_noise), light.range_dn),
         most_bits_per_px=_most_bits(camera, noise) if light.is_calibrated else None,
         is_round=transfer.is_round,
     )
     remarks = light.remarks
     if transfer.is_round:
         remarks = (*remarks, "edges of one direction: for quanta the lens is taken as round")
+    if any(edge.red_shift_px is not None for edge in edges):
+        remarks = (
+            *remarks,
+            "colour photographs: quanta and information are rough, because pixels interpolated "
+            "from a mosaic have noise that is not white; raw files are not interpolated",
+        )
     return figures, remarks
 
 
+def _processing_of(psf: PsfCalibration) -> str | None:
+    """What was done to the photographs after which levels and noise no longer tell quanta."""
+    if any("jpeg" in edge.flags for edge in psf.edges_used):
+        return "JPEG, whose compression changes the noise; give raw or linear files"
+    encoding = "linear" if psf.provenance is None else psf.provenance.encoding
+    curves = {encoding} if isinstance(encoding, str) else set(encoding)
+    if curves - {"linear"}:
+        return "stored with a tone curve, so that they are processed; give raw or linear files"
+    sharpening = sharpening_of(psf.edges_used)
+    if sharpening is not None and sharpening.is_found:
+        return "sharpened, which changes signal and noise alike; give raw or linear files"
+    return None
+
+
 class _Light(NamedTuple):
-    """The levels of the edges and the noise there."""
+    """The levels of the edges and the noise there.
+
+    ``noise`` is that at ``level_dn``; ``mean_noise`` is the mean square over the levels.
+    """
 
     level_dn: float
+    level_of: LevelOf
     range_dn: float
     noise: NoisePower
+    mean_noise: NoisePower
     noise_from: str
     is_calibrated: bool
     remarks: tuple[str, ...]
@@ -158,32 +194,50 @@ class _Light(NamedTuple):
             for edge, (low, high) in zip(edges, levels.tolist(), strict=True)
             if edge.snr
         ]
-        if not edges or (noise is None and not own_dn):
+        if not own_dn:  # darks and flats would be of another camera
             return None
         low_dn, high_dn = np.median(np.sort(levels, axis=1), axis=0).tolist()
-        black_dn = 0.0 if noise is None else noise.black_level_dn
         remarks: list[str] = []
         if noise is None:
             remarks.append("black level unknown: taken as 0 for quanta; give darks and flats")
-        elif own_dn and not _is_same(noise, levels, own_dn):
+        elif not _is_same(noise, levels, own_dn):
             remarks.append(
                 f"the photographs' own noise ({np.median(own_dn):.3g} DN at the edges) is not that "
                 "of the darks and flats: other gain, averaged or processed; quanta are by the "
                 "photographs' own noise"
             )
-        is_calibrated = noise is not None and not remarks
-        if noise is not None and is_calibrated:
-            variance = float(noise.capture_noise.variance_dn2(np.array(high_dn)))
-            relative_err = noise.relative_err(high_dn) or 0.0
-            source = "darks and flats"
         else:
-            variance = float(np.median(own_dn)) ** 2
-            relative_err = _scatter(own_dn)
-            source = "the pixels around the edges"
-        power = NoisePower(variance_dn2=variance, relative_err=relative_err)
+            return cls(
+                level_dn=high_dn - noise.black_level_dn,
+                level_of="the bright side of the edges",
+                range_dn=high_dn - low_dn,
+                noise=_power(noise, [high_dn]),
+                mean_noise=_power(noise, [low_dn, high_dn]),
+                noise_from="darks and flats",
+                is_calibrated=True,
+                remarks=(),
+            )
+        # The variance is linear in the level: its mean over both sides is that of their mean level.
+        own = NoisePower(variance_dn2=float(np.median(own_dn)) ** 2, relative_err=_scatter(own_dn))
+        black_dn = 0.0 if noise is None else noise.black_level_dn
         return cls(
-            high_dn - black_dn, high_dn - low_dn, power, source, is_calibrated, tuple(remarks)
+            level_dn=0.5 * (low_dn + high_dn) - black_dn,
+            level_of="the mean of both sides of the edges",
+            range_dn=high_dn - low_dn,
+            noise=own,
+            mean_noise=own,
+            noise_from="the pixels around the edges",
+            is_calibrated=False,
+            remarks=tuple(remarks),
         )
+
+
+def _power(noise: NoiseCalibration, levels_dn: Sequence[float]) -> NoisePower:
+    """Mean square of the calibrated noise over levels."""
+    return NoisePower(
+        variance_dn2=float(noise.capture_noise.variance_dn2(np.array(levels_dn)).mean()),
+        relative_err=noise.relative_err(levels_dn) or 0.0,
+    )
 
 
 def _is_same(noise: NoiseCalibration, levels_dn: FloatArray, own_dn: Sequence[float]) -> bool:
@@ -300,7 +354,7 @@ def _bits(camera: SignalAndNoise, range_dn: float) -> MeasuredValue:
     """Capacity, with its error by those of the noise and of the transfer."""
     value = information_bits_per_px(camera, range_dn)
     variance = camera.noise.variance_dn2 * (1 + camera.noise.relative_err) ** 2
-    noisier = replace(camera, noise=NoisePower(variance_dn2=variance))
+    noisier = replace(camera, noise=replace(camera.noise, variance_dn2=variance))
     err = value - information_bits_per_px(noisier, range_dn)
     sharper = camera.sharper_by_err()
     if sharper is not None:
@@ -309,8 +363,8 @@ def _bits(camera: SignalAndNoise, range_dn: float) -> MeasuredValue:
 
 
 def _most_bits(camera: SignalAndNoise, noise: NoiseCalibration | None) -> float | None:
-    """Capacity for all levels up to saturation, with the mean noise over them."""
-    if noise is None or noise.saturation_dn is None:
+    """Capacity for all levels up to a saturation that was seen, with the mean noise over them."""
+    if noise is None or noise.saturation_dn is None or noise.saturation_is_reached is False:
         return None
     range_dn = noise.saturation_dn - noise.black_level_dn
     middle_dn = np.array(noise.black_level_dn + 0.5 * range_dn)  # the variance is linear in it

@@ -1,5 +1,6 @@
 """lens.json: the figures of a lens and its camera, as a page shows them and other programs read."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -11,7 +12,7 @@ from calibration.documents import json_object
 from calibration.edges import AxisTransfer, EdgeMeasurement, mean_transfer
 from calibration.estimate import Estimate
 from calibration.lens._capacity import CapacityFigures
-from calibration.noise import NoiseCalibration, NoiseMeasurement
+from calibration.noise import EmvaSheet, NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration
 from calibration.sharpness import (
     FIGURE_NAMES,
@@ -92,6 +93,19 @@ class LateralShift(StoredModel):
     y_px: float
 
 
+class DataSheetFigure(StoredModel):
+    """A figure of the data sheet of EMVA 1288; ``err`` is a standard error, None if not known.
+
+    What follows from saturation has none if no flat reached it.
+    """
+
+    figure: str
+    symbol: str
+    value: float
+    err: float | None = None
+    unit: str
+
+
 class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True):
     """Sharpness, noise and both together of a lens and camera: the content of a lens.json.
 
@@ -107,6 +121,8 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
         Quanta, detection, information; None where ``notes`` say why.
     noise
         The noise calibration; None without darks and flats.
+    emva
+        The data sheet of EMVA 1288; empty without darks and flats.
     verdict
         Comparison with a limits file.
     psf, noise_measurement
@@ -125,6 +141,7 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
     lateral_colour: tuple[LateralShift, ...] = ()
     capacity: CapacityFigures | None = None
     noise: NoiseCalibration | None = None
+    emva: tuple[DataSheetFigure, ...] = Field(default=(), repr=False)
     verdict: SharpnessVerdict | None = None
     edges: tuple[EdgeOfColour, ...] = Field(default=(), repr=False)
     provenance: Provenance | None = None
@@ -230,9 +247,13 @@ def lateral_shifts(edges: Sequence[EdgeMeasurement]) -> tuple[LateralShift, ...]
 def camera_figures(
     sharpening: Sharpening | None,
     capacity: CapacityFigures | None,
-    noise: NoiseMeasurement | None,
+    noise: NoiseCalibration | None,
+    sheet: EmvaSheet | None,
 ) -> dict[str, Estimate]:
-    """Return the figures that a limits file bounds under ``[sharpening]`` and ``[camera]``."""
+    """Return the figures that a limits file bounds under ``[sharpening]`` and ``[camera]``.
+
+    The dynamic range is one of them only if a flat reached saturation.
+    """
     found: dict[str, Estimate] = {}
     if sharpening is not None:
         found["sharpening.max_overshoot"] = sharpening.overshoot
@@ -243,17 +264,28 @@ def camera_figures(
             value=capacity.neq[quarter], err=capacity.neq_err[quarter]
         )
         found["camera.min_information_bits_per_px"] = capacity.bits_per_px.estimate
-    if noise is not None:
-        sheet = noise.emva
+    if noise is not None and noise.read_noise_e_err is not None:
         found["camera.max_read_noise_e"] = Estimate(
-            value=sheet.dark_noise_e, err=sheet.dark_noise_err_e
+            value=noise.read_noise_e, err=noise.read_noise_e_err
         )
+    if sheet is not None:
         for key, parts in (("max_prnu", sheet.prnu), ("max_dsnu_e", sheet.dsnu_e)):
             found[f"camera.{key}"] = Estimate(value=parts.total, err=parts.err)
-        found["camera.min_dynamic_range_db"] = Estimate(
-            value=sheet.dynamic_range_db, err=sheet.dynamic_range_err_db
-        )
+        if sheet.dynamic_range_err_db is not None:
+            found["camera.min_dynamic_range_db"] = Estimate(
+                value=sheet.dynamic_range_db, err=sheet.dynamic_range_err_db
+            )
     return found
+
+
+def data_sheet(sheet: EmvaSheet) -> tuple[DataSheetFigure, ...]:
+    """Return the data sheet of EMVA 1288 as part of the document."""
+    return tuple(
+        DataSheetFigure(
+            figure=row.key, symbol=row.symbol, value=row.value, err=row.err, unit=row.unit
+        )
+        for row in sheet.rows()
+    )
 
 
 def figure_rows(lens: LensMeasurement) -> Iterator[dict[str, object]]:
@@ -271,7 +303,8 @@ def figure_rows(lens: LensMeasurement) -> Iterator[dict[str, object]]:
     whole = {"colour": lens.main.colour, "image": "", "x_px": None, "y_px": None}
     for name, value, err, unit in _camera_figures(lens):
         where = whole | {"angle_deg": None, "part": "camera"}
-        yield where | {"figure": name, "value": value, "err": err, "unit": unit}
+        known_as = {"figure": name, "value": value, "err": err, "unit": unit}
+        yield where | known_as | {"is_model_free": None}
 
 
 def _rows(
@@ -288,7 +321,8 @@ def _rows(
             plain, units = name.removesuffix("_px"), [("px", 1.0)]
         for unit, factor in units:
             value, err = factor * known.value, factor * known.err
-            yield {**where, "figure": plain, "value": value, "err": err, "unit": unit}
+            known_as = {"figure": plain, "value": value, "err": err, "unit": unit}
+            yield {**where, **known_as, "is_model_free": figures.is_model_free}
 
 
 def frequency_units(lens: LensMeasurement) -> Iterator[tuple[str, float]]:
@@ -308,6 +342,8 @@ def _camera_figures(
         yield f"largest_{shift.colour}_shift", shift.shift_px.value, shift.shift_px.err, "px"
     if lens.capacity is not None:
         yield from _capacity_figures(lens.capacity)
+    for line in lens.emva:
+        yield f"emva_{line.figure}", line.value, line.err, line.unit
     if lens.noise is not None:
         for name, unit in _NOISE_UNITS.items():
             value = getattr(lens.noise, name)
@@ -323,8 +359,9 @@ def _capacity_figures(
     for freq, neq, err in zip(capacity.freq_cy_per_px, capacity.neq, capacity.neq_err, strict=True):
         yield f"neq_at_{freq:.2f}_cy_per_px", neq, err, "quanta/px"
     for one in capacity.detection:
-        yield f"snr of {one.description}", one.snr.value, one.snr.err, "1"
-        yield f"threshold contrast of {one.description}", one.threshold_contrast, None, "1"
+        name = re.sub(r"\W+", "_", one.description)
+        yield f"snr_of_{name}", one.snr.value, one.snr.err, "1"
+        yield f"threshold_contrast_of_{name}", one.threshold_contrast, None, "1"
     yield "edge_location_err", capacity.edge_location_err_px, None, "px"
     if capacity.edge_bits_per_px is not None:
         known = capacity.edge_bits_per_px

@@ -12,17 +12,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import hypot, log, log2, log10, sqrt
 
+from calibration.estimate import NORMAL_95, with_reach
 from calibration.noise._pattern import PatternParts
-from calibration.noise._photon_transfer import QUANTISATION_DN2, PhotonTransfer
+from calibration.noise._photon_transfer import PhotonTransfer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmvaRow:
     """A line of the data sheet: what it is, the standard's symbol, the value and its unit.
 
-    ``err`` is a standard error, None where it is not known.
+    ``key`` is its name in a table; a figure in two units has two lines. ``err`` is a standard
+    error, None where it is not known.
     """
 
+    key: str
     name: str
     symbol: str
     value: float
@@ -39,7 +42,8 @@ class EmvaSheet:
     that of rounding. ``threshold_e``: signal with an SNR of 1. ``dsnu_e``, ``prnu``: fixed pattern
     in the dark and of the response, the latter over the mean. ``dark_current_e_per_s``,
     ``linearity_error``: None where the captures do not tell. ``is_saturated``: whether a flat
-    reached saturation; else it is the largest level of the format.
+    reached saturation; else it is the largest level of the format, and what follows from it has no
+    error.
     """
 
     system_gain_dn_per_e: float
@@ -48,7 +52,7 @@ class EmvaSheet:
     dark_noise_err_e: float
     dark_noise_dn: float
     saturation_e: float
-    saturation_err_e: float
+    saturation_err_e: float | None
     is_saturated: bool
     threshold_e: float
     dsnu_e: PatternParts
@@ -68,6 +72,13 @@ class EmvaSheet:
         return 20 * log10(self.snr_max)
 
     @property
+    def snr_max_err_db(self) -> float | None:
+        """Standard error of that; None if no flat reached saturation."""
+        if self.saturation_err_e is None:
+            return None
+        return 10 / log(10) * self.saturation_err_e / self.saturation_e
+
+    @property
     def dynamic_range(self) -> float:
         """Saturation over the absolute sensitivity threshold."""
         return self.saturation_e / self.threshold_e
@@ -78,12 +89,21 @@ class EmvaSheet:
         return 20 * log10(self.dynamic_range)
 
     @property
-    def dynamic_range_err_db(self) -> float:
-        """Standard error of the dynamic range in decibels."""
+    def dynamic_range_err_db(self) -> float | None:
+        """Standard error of the dynamic range in decibels; None if no flat reached saturation."""
+        if self.saturation_err_e is None:
+            return None
         relative = hypot(
             self.saturation_err_e / self.saturation_e, self.dark_noise_err_e / self.threshold_e
         )
         return 20 / log(10) * relative
+
+    @property
+    def dynamic_range_text(self) -> str:
+        """The same with its 95 % interval, or where saturation is from if no flat reached it."""
+        if self.dynamic_range_err_db is None:
+            return f"{self.dynamic_range_db:.1f} dB, saturation from the pixel format"
+        return f"{with_reach(self.dynamic_range_db, NORMAL_95 * self.dynamic_range_err_db, 1)} dB"
 
     @property
     def dynamic_range_bits(self) -> float:
@@ -92,84 +112,92 @@ class EmvaSheet:
 
     def rows(self) -> Iterator[EmvaRow]:
         """Yield the lines of the data sheet, in the standard's order."""
+        seen = "" if self.is_saturated else ", saturation from the pixel format"
         yield EmvaRow(
-            name="overall system gain", symbol="K", value=self.system_gain_dn_per_e, unit="DN/e",
-            err=self.system_gain_err_dn_per_e, digits=4,
+            key="system_gain", name="overall system gain", symbol="K", unit="DN/e", digits=4,
+            value=self.system_gain_dn_per_e, err=self.system_gain_err_dn_per_e,
         )  # fmt: skip
         yield EmvaRow(
-            name="temporal dark noise", symbol="σ_d", value=self.dark_noise_e, unit="e",
-            err=self.dark_noise_err_e,
+            key="dark_noise", name="temporal dark noise", symbol="σ_d", unit="e",
+            value=self.dark_noise_e, err=self.dark_noise_err_e,
         )  # fmt: skip
         yield EmvaRow(
-            name="temporal dark noise, with rounding", symbol="σ_y.dark", value=self.dark_noise_dn,
-            unit="DN", digits=3,
+            key="dark_noise_with_rounding", name="temporal dark noise, with rounding",
+            symbol="σ_y.dark", unit="DN", value=self.dark_noise_dn, digits=3,
         )  # fmt: skip
         yield EmvaRow(
-            name="signal-to-noise ratio, maximum", symbol="SNR_max", value=self.snr_max_db,
-            unit="dB",
+            key="snr_max", name=f"signal-to-noise ratio, maximum{seen}", symbol="SNR_max",
+            unit="dB", value=self.snr_max_db, err=self.snr_max_err_db,
         )  # fmt: skip
-        yield EmvaRow(name="", symbol="", value=log2(self.snr_max), unit="bits")
+        yield EmvaRow(key="snr_max", name="", symbol="", value=log2(self.snr_max), unit="bits")
         yield EmvaRow(
-            name="absolute sensitivity threshold", symbol="μ_e.min", value=self.threshold_e,
-            unit="e",
-        )  # fmt: skip
-        yield EmvaRow(
-            name="saturation capacity", symbol="μ_e.sat", value=self.saturation_e, unit="e",
-            err=self.saturation_err_e, digits=0,
+            key="threshold", name="absolute sensitivity threshold", symbol="μ_e.min", unit="e",
+            value=self.threshold_e, err=self.dark_noise_err_e,
         )  # fmt: skip
         yield EmvaRow(
-            name="dynamic range", symbol="DR", value=self.dynamic_range_db, unit="dB",
-            err=self.dynamic_range_err_db,
+            key="saturation", name=f"saturation capacity{seen.replace(' saturation', '')}",
+            symbol="μ_e.sat", unit="e", value=self.saturation_e, err=self.saturation_err_e,
+            digits=0,
         )  # fmt: skip
-        yield EmvaRow(name="", symbol="", value=self.dynamic_range_bits, unit="bits")
-        yield from _pattern_rows("DSNU_1288", self.dsnu_e, "e", 1.0)
-        yield from _pattern_rows("PRNU_1288", self.prnu, "%", 100.0)
+        yield EmvaRow(
+            key="dynamic_range", name=f"dynamic range{seen}", symbol="DR", unit="dB",
+            value=self.dynamic_range_db, err=self.dynamic_range_err_db,
+        )  # fmt: skip
+        yield EmvaRow(
+            key="dynamic_range", name="", symbol="", value=self.dynamic_range_bits, unit="bits"
+        )
+        yield from _pattern_rows(_DSNU, self.dsnu_e)
+        yield from _pattern_rows(_PRNU, self.prnu.scaled(100.0))
         if self.linearity_error is not None:
             yield EmvaRow(
-                name="linearity error", symbol="LE", value=100 * self.linearity_error, unit="%",
-                digits=3,
+                key="linearity_error", name="linearity error", symbol="LE", unit="%",
+                value=100 * self.linearity_error, digits=3,
             )  # fmt: skip
         if self.dark_current_e_per_s is not None:
             yield EmvaRow(
-                name="dark current", symbol="μ_c.mean", value=self.dark_current_e_per_s,
-                unit="e/s", err=self.dark_current_err_e_per_s,
+                key="dark_current", name="dark current", symbol="μ_c.mean", unit="e/s",
+                value=self.dark_current_e_per_s, err=self.dark_current_err_e_per_s,
             )  # fmt: skip
 
 
-def _pattern_rows(symbol: str, parts: PatternParts, unit: str, factor: float) -> Iterator[EmvaRow]:
-    names = {
-        "DSNU_1288": "dark signal nonuniformity",
-        "PRNU_1288": "photo response nonuniformity",
-    }
-    scaled = parts.scaled(factor)
+_DSNU = ("dsnu", "dark signal nonuniformity", "DSNU_1288", "e")
+_PRNU = ("prnu", "photo response nonuniformity", "PRNU_1288", "%")
+
+
+def _pattern_rows(what: tuple[str, str, str, str], parts: PatternParts) -> Iterator[EmvaRow]:
+    key, name, symbol, unit = what
     yield EmvaRow(
-        name=names[symbol], symbol=symbol, value=scaled.total, unit=unit, err=scaled.err, digits=3
+        key=key, name=name, symbol=symbol, value=parts.total, unit=unit, err=parts.err, digits=3
     )
-    for name, end, value in (
-        ("of rows", ".row", scaled.rows),
-        ("of columns", ".col", scaled.columns),
-        ("of pixels", ".pixel", scaled.pixels),
+    for part, end, value in (
+        ("rows", ".row", parts.rows),
+        ("columns", ".col", parts.columns),
+        ("pixels", ".pixel", parts.pixels),
     ):
-        yield EmvaRow(name=name, symbol=f"{symbol}{end}", value=value, unit=unit, digits=3)
+        yield EmvaRow(
+            key=f"{key}_of_{part}", name=f"of {part}", symbol=f"{symbol}{end}", value=value,
+            unit=unit, digits=3,
+        )  # fmt: skip
 
 
 def emva_sheet(transfer: PhotonTransfer, dsnu_dn: PatternParts, prnu: PatternParts) -> EmvaSheet:
     """Return the data sheet of a photon transfer curve and of the sensor's patterns."""
     gain, gain_err = transfer.gain_e_per_dn, transfer.gain_e_per_dn_err
     saturation, dark, linearity = transfer.saturation, transfer.dark, transfer.linearity
-    rounded_e = hypot(transfer.read_noise_e, gain * sqrt(QUANTISATION_DN2))
+    dark_dn = sqrt(max(transfer.offset_dn2, 0.0))  # with the rounding, of whatever step
+    saturation_err_e = None
+    if saturation.err_dn is not None:
+        saturation_err_e = hypot(transfer.saturation_e * gain_err / gain, gain * saturation.err_dn)
     return EmvaSheet(
         system_gain_dn_per_e=1 / gain,
         system_gain_err_dn_per_e=gain_err / gain**2,
         dark_noise_e=transfer.read_noise_e,
         dark_noise_err_e=transfer.read_noise_e_err,
-        dark_noise_dn=sqrt(max(transfer.offset_dn2, 0.0)),
+        dark_noise_dn=dark_dn,
         saturation_e=transfer.saturation_e,
-        saturation_err_e=hypot(
-            transfer.saturation_e * gain_err / gain, gain * (saturation.err_dn or 0.0)
-        ),
+        saturation_err_e=saturation_err_e,
         is_saturated=saturation.is_reached,
-        threshold_e=rounded_e + 0.5,
+        threshold_e=gain * dark_dn + 0.5,
         dsnu_e=dsnu_dn.scaled(gain),
         prnu=prnu,
         dark_current_e_per_s=dark.current_e_per_s,

@@ -24,7 +24,7 @@ from scipy.special import ndtri
 from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement, EdgeSfr
 from calibration.estimate import Estimate
-from calibration.robust import robust_sigma
+from calibration.robust import median_err
 from calibration.sharpness._resolution import reported_mtf50
 from simulation.arrays import FloatArray
 
@@ -32,8 +32,6 @@ NYQUIST: Final = 0.5
 _STEP_CY_PER_PX = 1 / 400
 _GRID: Final[FloatArray] = np.arange(401.0) * _STEP_CY_PER_PX
 _SLOPE_STEP = 1e-3
-_MEDIAN_ERR = sqrt(pi / 2)
-_FEWEST_FOR_SCATTER = 4
 _RISK = 0.05
 _REACH_SIGMAS, _REACH_EXTRA_PX = 3.0, 3.0  # where sharpening by usual radii shows
 _PROFILE_STEP_PX = 0.125
@@ -276,23 +274,11 @@ def sharpening_of(edges: Sequence[EdgeMeasurement]) -> Sharpening | None:
     for side in (1.0, -1.0):
         curves = np.array([beyond_level(esfr, side, out) for esfr, _ in known])
         errs = np.array([esfr.esf_err(side * out) for esfr, _ in known])
-        middle, err = np.median(curves, axis=0), _median_err(curves, errs)
+        middle, err = np.median(curves, axis=0), median_err(curves, errs)
         at = int(np.argmax(middle))
         is_found |= bool(middle[at] > max(surprising * err[at], _LEAST_OVERSHOOT))
         found.append(Estimate(value=max(float(middle[at]), 0.0), err=float(err[at])))
     return Sharpening(overshoot=found[0], undershoot=found[1], is_found=is_found)
-
-
-def _median_err(curves: FloatArray, errs: FloatArray) -> FloatArray:
-    """Standard error of the median over edges: of their noise, or of their scatter if larger."""
-    count = len(curves)
-    share = 1.0 if count < 3 else _MEDIAN_ERR
-    err = share * np.sqrt(np.mean(errs**2, axis=0) / count)
-    if count < _FEWEST_FOR_SCATTER:
-        return np.asarray(err)
-    away = curves - np.median(curves, axis=0)
-    scatter = np.array([robust_sigma(column) for column in away.T])
-    return np.asarray(np.maximum(err, _MEDIAN_ERR * scatter / sqrt(count)))
 
 
 def median_figures(figures: Sequence[EdgeFigures]) -> EdgeFigures:
@@ -308,5 +294,5 @@ def _medians(figures: Sequence[EdgeFigures]) -> Iterator[tuple[str, MeasuredValu
             yield name, None
             continue
         values = np.array([[one.value] for one in known])
-        err = _median_err(values, np.array([[one.err] for one in known]))
+        err = median_err(values, np.array([[one.err] for one in known]))
         yield name, MeasuredValue(value=float(np.median(values)), err=float(err[0]))

@@ -389,6 +389,17 @@ _CAMERA_UNITS = {
     "max_dsnu_e": "e",
     "min_dynamic_range_db": "dB",
 }
+_FROM_FRAMES = "from darks and flats: give --dark and --flat"
+_MEASURED_FROM = {
+    "sharpening.max_overshoot": "on edges with an e-SFR",
+    "sharpening.max_undershoot": "on edges with an e-SFR",
+    "camera.min_neq_at_half_nyquist": "on linear photographs that show noise",
+    "camera.min_information_bits_per_px": "on linear photographs that show noise",
+    "camera.max_read_noise_e": _FROM_FRAMES,
+    "camera.max_prnu": _FROM_FRAMES,
+    "camera.max_dsnu_e": _FROM_FRAMES,
+    "camera.min_dynamic_range_db": f"{_FROM_FRAMES}, one of them saturated",
+}
 _FREQUENCY_UNITS = {"cy_per_px": "cy/px", "lw_per_ph": "LW/PH", "lp_per_mm": "lp/mm"}
 
 
@@ -428,9 +439,7 @@ class _Measured:
     def _of_camera(self, key: str) -> _Figure:
         known = self._camera.get(key)
         if known is None:
-            raise _NotMeasuredError(
-                "measured by standoff lens: of photographs with noise, or from darks and flats"
-            )
+            raise _NotMeasuredError(f"measured by standoff lens {_MEASURED_FROM[key]}")
         interval = known.interval_95
         return _Figure(value=known.value, err=known.err, interval_95=interval, where="camera")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from calibration.choices import Pattern
+from calibration.estimate import NORMAL_95, with_reach
 from standoff import library, terminal
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def lens(
     out: Where to write the report (HTML or PDF).
     session: Capture session whose edge, dark and flat captures are used.
     flat: Frames of an evenly lit white surface, given likewise, at three levels or more.
-    noise: noise.json of the camera, instead of darks and flats.
+    noise: noise.json of the camera, instead of darks and flats; it gives no EMVA 1288 data sheet.
     region: Part of the image to use: centre, or X,Y,W,H in px; all of it by default.
     bayer: Bayer pattern of raw mosaics whose files do not state it.
     pixel_pitch_um: Pixel pitch of the sensor, for lp/mm; by default that of the session's bench
@@ -154,15 +155,18 @@ def _show(found: LensMeasurement, wrote: str) -> None:
     if capacity is not None:
         disc = capacity.detection[1]
         terminal.say(
-            f"information: {capacity.bits_per_px.value:.2f} bits/px between levels "
+            f"information: {capacity.bits_per_px.estimate.text(2)} bits/px between levels "
             f"{capacity.range_dn:.0f} DN apart; an ideal observer just sees a {disc.description} "
             f"of {100 * disc.threshold_contrast:.2g} % contrast"
         )
     if found.noise_measurement is not None:
         sheet = found.noise_measurement.emva
+        read = with_reach(sheet.dark_noise_e, NORMAL_95 * sheet.dark_noise_err_e, 2)
+        err_e = sheet.saturation_err_e
+        full = with_reach(sheet.saturation_e, None if err_e is None else NORMAL_95 * err_e, 0)
         terminal.say(
-            f"EMVA 1288: read noise {sheet.dark_noise_e:.2f} e, saturation "
-            f"{sheet.saturation_e:.0f} e, dynamic range {sheet.dynamic_range_db:.1f} dB"
+            f"EMVA 1288: read noise {read} e, saturation {full} e, dynamic range "
+            f"{sheet.dynamic_range_text}"
         )
     if found.verdict is not None:
         terminal.print_verdict(found.verdict)

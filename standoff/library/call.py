@@ -232,9 +232,10 @@ class Call:
         return tuple(self._notes)
 
     def note(self, text: str) -> None:
-        """Make a remark that ``progress`` shows at once."""
-        self.announce(text)
-        self._progress.note(text)
+        """Make a remark that ``progress`` shows at once, the first time that it is made."""
+        if on_one_line(text) not in self._notes:
+            self.announce(text)
+            self._progress.note(text)
 
     def announce(self, text: str) -> None:
         """Make a remark for the end, such as one about how a photograph was read."""

@@ -130,7 +130,8 @@ def from_images(given: Sequence[ImageLike], reading: Reading, call: Call) -> Edg
             taken.append(photograph.facts)
             if reading.channel == "luma" and photograph.is_colour:
                 call.note(
-                    f"{photograph.name}: colour read as Rec. 601 luma; --channel picks one colour"
+                    "colour photographs are read as Rec. 601 luma; --channel of standoff calibrate "
+                    "picks one colour"
                 )
             plane = edge_image(photograph, reading)
             # Neither the file's own levels nor the last image stay in memory beside the next one.

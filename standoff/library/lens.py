@@ -16,7 +16,7 @@ from acquisition.session import Session
 from calibration.choices import Channel, Pattern
 from calibration.documents import write_document
 from calibration.edges import EdgeImage, EdgeMeasurement, EdgeSelection, Region, plane_places
-from calibration.errors import LensFileError
+from calibration.errors import LensFileError, NoiseError
 from calibration.lens import (
     CapacityFigures,
     Colour,
@@ -25,10 +25,11 @@ from calibration.lens import (
     camera_figures,
     capacity_figures,
     colour_figures,
+    data_sheet,
     figure_rows,
     lateral_shifts,
 )
-from calibration.noise import NoiseCalibration, NoiseMeasurement
+from calibration.noise import EmvaSheet, NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration, edge_records, mosaic_plane
 from calibration.sharpness import read_limits, sharpening_of, with_sharpness
 from simulation.arguments import ArgumentError, checked
@@ -49,7 +50,7 @@ from standoff.library.psf_calibration import calibrate_psf
 _COLOURS: tuple[Literal["red", "green", "blue"], ...] = ("red", "green", "blue")
 _COLUMNS = (
     *("part", "colour", "image", "x_px", "y_px", "angle_deg"),
-    *("figure", "value", "err", "unit"),
+    *("figure", "value", "err", "unit", "is_model_free"),
 )
 
 
@@ -59,6 +60,16 @@ class _Noise:
 
     calibration: NoiseCalibration | None = None
     measurement: NoiseMeasurement | None = None
+
+    @property
+    def sheet(self) -> EmvaSheet | None:
+        """The data sheet; None without darks and flats."""
+        return None if self.measurement is None else self.measurement.emva
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the frames."""
+        return () if self.measurement is None else self.measurement.transfer.notes
 
     def of(self, given: "_Photographs") -> NoiseCalibration | None:
         """Return the noise of the photographs: of a session, for as many frames as they have."""
@@ -121,9 +132,10 @@ def measure_lens(
     darks, flats
         Single frames of the same camera at the same gain, as in ``measure_noise``.
     noise
-        The noise of the camera, or the path of a noise.json, instead of ``darks`` and ``flats``.
+        The noise of the camera, or the path of a noise.json, instead of ``darks`` and ``flats``;
+        the data sheet of EMVA 1288 needs the frames.
     region, bayer, pixel_pitch_um, limits, labels, bench, white_level
-        As in ``calibrate_psf``.
+        As in ``calibrate_psf``; the operator is by default that of the session.
     report
         Path of the report to write as well, HTML or PDF.
     reading
@@ -175,15 +187,15 @@ def measure_lens(
         reading=reading,
         progress=progress,
     )
-    measured = () if known.measurement is None else known.measurement.transfer.notes
-    for remark in (*psf.notes, *measured):
+    psf = _named_by_session(psf, given.images)
+    for remark in (*psf.notes, *known.notes):
         call.announce(remark)
     sources = given.sources(call)
     colours, edges = colour_figures(_edges_by_colour(given, psf, sources, call))
     sharpening = sharpening_of(psf.edges_used)
     capacity = _capacity_of(psf, known.of(given), call)
     if bounds is not None and limits is not None:
-        figures = camera_figures(sharpening, capacity, known.measurement)
+        figures = camera_figures(sharpening, capacity, known.calibration, known.sheet)
         psf = psf.judged(bounds, on_one_line(limits), figures)
     lens = LensMeasurement(
         labels=psf.labels,
@@ -196,6 +208,7 @@ def measure_lens(
         lateral_colour=lateral_shifts(psf.edges_used),
         capacity=capacity,
         noise=known.calibration,
+        emva=() if known.sheet is None else data_sheet(known.sheet),
         verdict=psf.verdict,
         provenance=call.provenance(),
         psf=psf,
@@ -207,6 +220,14 @@ def measure_lens(
 
         write_page(page, lens_report(lens, sources.load, sources.session).html())
     return lens
+
+
+def _named_by_session(psf: PsfCalibration, images: list[ImageLike] | Session) -> PsfCalibration:
+    """Return the calibration with the operator of its session, if no other is stated."""
+    if not isinstance(images, Session) or not images.manifest.operator:
+        return psf
+    labels = {"operator": images.manifest.operator} | (psf.labels or {})
+    return psf.model_copy(update={"labels": labels})
 
 
 def _noise_of(
@@ -222,6 +243,10 @@ def _noise_of(
         raise ArgumentError(f"give either noise or {stated[0]}", argument="noise")
     if stated:
         found = measure_noise(**frames, reading=call.inputs.options, progress=progress)  # type: ignore[arg-type]  # each is frames
+        for one in (
+            () if found.calibration.provenance is None else found.calibration.provenance.inputs
+        ):
+            call.inputs.add_known(one.path, one.sha256, None)
         return _Noise(calibration=found.calibration, measurement=found)
     if noise is not None:
         stored = stored_noise(noise)
@@ -230,10 +255,15 @@ def _noise_of(
         return _Noise(calibration=stored)
     if isinstance(given.images, Session):
         kinds = {one.kind for one in given.images.records if one.frames_used > 1}
-        if {"dark", "flat"} <= kinds:
+        if not {"dark", "flat"} <= kinds:
+            call.note("the session has no darks and flats: noise is that of the edges alone")
+            return _Noise()
+        try:
             found = measure_noise(given.images, progress=progress)
-            return _Noise(calibration=found.calibration, measurement=found)
-        call.note("the session has no darks and flats: noise is that of the edges alone")
+        except NoiseError as error:
+            call.note(f"the session's darks and flats are not used: {error}")
+            return _Noise()
+        return _Noise(calibration=found.calibration, measurement=found)
     return _Noise()
 
 

@@ -123,8 +123,8 @@ def calibrate_psf(
     limits
         Path of a limits file (TOML) for pass and fail; the result's ``verdict`` compares with it.
     labels
-        Names of the ``lens``, ``camera``, ``target`` and ``customer``, for the first page of the
-        report; they are stored in psf.json.
+        Names of the ``lens``, ``camera``, ``target``, ``customer`` and ``operator``, for the first
+        page of the report; they are stored in psf.json.
     bench
         Path of a bench file (TOML) whose ``[labels]`` and ``[optics]`` supply what ``labels`` and
         ``pixel_pitch_um`` do not state; by default the session's own.

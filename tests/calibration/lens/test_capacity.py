@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import i0e, i1e
 
+from acquisition.files import Provenance
 from calibration.edges import EdgeMeasurement
 from calibration.lens import capacity_figures
+from calibration.noise import NoiseCalibration
+from calibration.psf import PsfCalibration
 from tests.calibration.known import known
 from tests.calibration.lens.camera import (
     BLACK_DN,
@@ -35,6 +38,7 @@ def test_quanta_are_those_of_the_camera() -> None:
     figures = known(found)
     assert remarks == ()
     assert figures.noise_from == "darks and flats"
+    assert figures.level_of == "the bright side of the edges"
     assert figures.level_dn == pytest.approx(LIGHT_DN, rel=1e-3)
     assert figures.noise_dn == pytest.approx(NOISE_DN, rel=1e-3)
     freq = np.array(figures.freq_cy_per_px)
@@ -69,22 +73,71 @@ def test_information_is_that_of_the_levels_and_more_for_all_of_them() -> None:
     def bits(range_dn: float, variance: float) -> float:
         return 0.5 * float(np.mean(np.log2(1 + range_dn**2 / 12 * passed / variance)))
 
-    assert figures.bits_per_px.value == pytest.approx(
-        bits(BRIGHT_DN - DARK_DN, NOISE_DN**2), rel=0.01
-    )
+    # Shot noise is linear in the level: its mean over both sides is that of the middle.
+    mean_dn2 = float(variance_dn2(0.5 * (DARK_DN + BRIGHT_DN)))
+    assert figures.bits_per_px.value == pytest.approx(bits(BRIGHT_DN - DARK_DN, mean_dn2), rel=2e-3)
     whole_dn = SATURATION_DN - BLACK_DN
     middle = float(variance_dn2(BLACK_DN + whole_dn / 2))
     assert known(figures.most_bits_per_px) == pytest.approx(bits(whole_dn, middle), rel=0.01)
 
 
-def test_without_a_calibration_the_noise_is_that_around_the_edges() -> None:
+@pytest.mark.parametrize("noise", [NOISE, None])
+def test_the_disc_of_frequencies_carries_less_than_the_square(
+    noise: NoiseCalibration | None,
+) -> None:
+    figures = known(capacity_figures(calibrated(), noise)[0])
+    disc, square = known(figures.edge_bits_per_px).value, figures.bits_per_px.value
+    assert 0.7 * square < disc < square
+
+
+def test_without_a_calibration_signal_and_noise_are_those_of_the_middle_of_the_levels() -> None:
     found, remarks = capacity_figures(calibrated(), None)
     figures = known(found)
     assert figures.noise_from == "the pixels around the edges"
-    both = float(np.sqrt(variance_dn2(np.array([DARK_DN, BRIGHT_DN])).mean()))
-    assert figures.noise_dn == pytest.approx(both, rel=0.05)
+    assert figures.level_of == "the mean of both sides of the edges"
+    middle_dn = 0.5 * (DARK_DN + BRIGHT_DN)
+    variance = float(variance_dn2(middle_dn))
+    assert figures.level_dn == pytest.approx(middle_dn, rel=1e-3)  # black is taken as 0
+    assert figures.noise_dn == pytest.approx(sqrt(variance), rel=0.03)
+    assert figures.neq[0] == pytest.approx(middle_dn**2 / variance, rel=0.06)
     assert any("black level unknown" in one for one in remarks)
     assert figures.most_bits_per_px is None
+
+
+def test_a_saturation_that_nobody_saw_gives_no_full_range() -> None:
+    seen = NOISE.model_copy(update={"saturation_is_reached": True})
+    unseen = NOISE.model_copy(update={"saturation_is_reached": False})
+    assert known(capacity_figures(calibrated(), seen)[0]).most_bits_per_px is not None
+    assert known(capacity_figures(calibrated(), unseen)[0]).most_bits_per_px is None
+
+
+def as_processed(how: str) -> PsfCalibration:
+    psf = calibrated()
+    if how == "JPEG":
+        flagged = [edge.model_copy(update={"flags": (*edge.flags, "jpeg")}) for edge in psf.edges]
+        return psf.model_copy(update={"edges": tuple(flagged)})
+    if how == "sharpened":
+        return calibrated(amount=0.6)
+    origin = Provenance(
+        version="1", created="2026-11-28T10:00:00Z", command="", encoding=("linear", "srgb")
+    )
+    return psf.model_copy(update={"provenance": origin})
+
+
+@pytest.mark.parametrize("how", ["JPEG", "sharpened", "stored with a tone curve"])
+@pytest.mark.parametrize("noise", [NOISE, None])
+def test_processed_photographs_have_no_quanta(noise: NoiseCalibration | None, how: str) -> None:
+    found, remarks = capacity_figures(as_processed(how), noise)
+    assert found is None
+    assert remarks[0].startswith(f"no noise-equivalent quanta: the photographs are {how}")
+
+
+def test_quanta_of_interpolated_colours_are_said_to_be_rough() -> None:
+    psf = calibrated()
+    coloured = [edge.model_copy(update={"red_shift_px": 0.0}) for edge in psf.edges]
+    found, remarks = capacity_figures(psf.model_copy(update={"edges": tuple(coloured)}), NOISE)
+    assert found is not None
+    assert any("noise that is not white" in one for one in remarks)
 
 
 def test_noise_that_is_not_the_photographs_is_not_taken_for_it() -> None:
@@ -115,8 +168,9 @@ def test_edges_of_one_direction_are_those_of_a_round_lens() -> None:
 def test_without_noise_there_are_no_quanta() -> None:
     psf = calibrated()
     silent = [edge.model_copy(update={"snr": None}) for edge in psf.edges]
-    found, remarks = capacity_figures(psf.model_copy(update={"edges": tuple(silent)}), None)
-    assert found is None
-    assert remarks == ("no noise-equivalent quanta: the photographs show no noise",)
+    for noise in (None, NOISE):
+        found, remarks = capacity_figures(psf.model_copy(update={"edges": tuple(silent)}), noise)
+        assert found is None
+        assert remarks == ("no noise-equivalent quanta: the photographs show no noise",)
     no_edges: tuple[EdgeMeasurement, ...] = ()
     assert capacity_figures(psf.model_copy(update={"edges": no_edges}), NOISE)[0] is None

@@ -56,6 +56,9 @@ def test_a_session_gives_everything_on_one_page(command: Command, tmp_path: Path
     assert "EMVA 1288: read noise 1" in said.out
     document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
     assert document["noise"]["read_noise_e"] == pytest.approx(14.0, rel=0.02)
+    operator = standoff.Session(session).manifest.operator
+    assert operator
+    assert document["labels"]["operator"] == operator
     assert document["capacity"]["noise_from"] == "darks and flats"
     assert not document["sharpening"]["is_sharpened"]
     assert [one["path"] for one in document["provenance"]["inputs"]]
@@ -108,6 +111,58 @@ def test_frames_of_ones_own_give_the_data_sheet(
     assert any("so saturation is taken from the pixel format" in text for text in page.texts)
 
 
+@pytest.mark.slow
+def test_darks_and_flats_are_listed_with_the_photographs(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    dark, *flats = (
+        frames(tmp_path / f"light-{e}", e, seed)
+        for seed, e in enumerate((0.0, 1500.0, 6000.0, 12000.0))
+    )
+    out = tmp_path / "lens.html"
+    words = [word for flat in flats for word in ("--flat", flat)]
+    command.done("lens", edge_file, "--dark", dark, *words, "--out", out)
+    document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
+    listed = {Path(one["path"]) for one in document["provenance"]["inputs"]}
+    given = {file for folder in (dark, *flats) for file in folder.glob("*.tif")}
+    assert listed == given | {edge_file}
+    sheet = {(one["figure"], one["unit"]): one for one in document["emva"]}
+    assert sheet["threshold", "e"]["value"] == pytest.approx(6.5, rel=0.1)
+    assert sheet["dynamic_range", "dB"]["err"] is None  # no flat is saturated
+
+
+@pytest.mark.slow
+def test_a_session_with_too_few_flats_is_reported_without_them(
+    command: Command, tmp_path: Path
+) -> None:
+    few = NOISE.replace("[21.0, 8000.0]", "[21.0]").replace(
+        "[1000.0, 2000.0, 4000.0, 6000.0, 8000.0, 16000.0]", "[4000.0]"
+    )
+    session = command.captured(tmp_path, SMALL_BENCH, PLAN + few)
+    found = standoff.measure_lens(standoff.Session(session))
+    assert found.noise is None
+    assert found.emva == ()
+    assert any("darks and flats are not used: " in note for note in found.notes)
+    assert found.main.edges > 0
+
+
+@pytest.mark.slow
+def test_the_read_noise_of_a_noise_json_is_judged(edge_file: Path, tmp_path: Path) -> None:
+    limits, noise = tmp_path / "limits.toml", tmp_path / "noise.json"
+    limits.write_text("[camera]\nmax_read_noise_e = 9\nmax_prnu = 0.02\n")
+    noise.write_text(
+        '{"schema": "standoff.noise/1", "gain_e_per_dn": 4.0, "gain_e_per_dn_err": 0.01,'
+        ' "read_noise_e": 8.0, "read_noise_e_err": 0.1, "black_level_dn": 0.0,'
+        ' "frames_averaged": 1}'
+    )
+    lens = standoff.measure_lens(edge_file, noise=noise, limits=limits)
+    assert lens.verdict is not None
+    read, prnu = lens.verdict.limits
+    assert (read.outcome, read.value) == ("pass", 8.0)
+    assert prnu.outcome == "unsure"
+    assert "give --dark and --flat" in (prnu.reason or "")
+
+
 def test_results_that_are_there_already_are_kept(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:
@@ -121,17 +176,19 @@ def test_results_that_are_there_already_are_kept(
 
 def test_colours_are_measured_in_one_run(tmp_path: Path) -> None:
     grey = tifffile.imread(Path(__file__).parents[2] / "data" / "edges" / "v_edge.tif")
-    lens = standoff.measure_lens(grey)
+    lens = standoff.measure_lens([grey, grey.copy()])
     assert [one.colour for one in lens.colours] == ["luma", "red", "green", "blue"]
     assert {edge.colour for edge in lens.edges} == {"luma", "red", "green", "blue"}
     assert {one.colour for one in lens.lateral_colour} == {"red", "blue"}
+    said = [note for note in lens.notes if "Rec. 601 luma" in note]
+    assert len(said) == 1
     alone = standoff.calibrate_psf(grey, channel="red")
     red = sorted(
         edge.figures.mtf50_cy_per_px.value
         for edge in lens.edges
         if edge.colour == "red" and edge.figures.mtf50_cy_per_px is not None
     )
-    assert red == pytest.approx(
+    assert red[::2] == pytest.approx(
         sorted(edge.esfr_mtf50_cy_per_px or 0.0 for edge in alone.edges_used), rel=1e-6
     )
 
@@ -143,9 +200,11 @@ def test_a_grey_photograph_stored_as_colour_has_one_colour(edge_file: Path) -> N
     assert lens.lateral_colour == ()
 
 
-def test_a_raw_mosaic_has_three_colours_and_no_quanta() -> None:
+def test_a_raw_mosaic_has_three_colours_and_no_quanta(tmp_path: Path) -> None:
     images = [edge_image(0.9, normal, shape=(260, 260)) for normal in (7.0, 97.0)]
-    lens = standoff.measure_lens(images, bayer="RGGB")
+    page = tmp_path / "lens.html"
+    lens = standoff.measure_lens(images, bayer="RGGB", report=page)
+    assert "its own Nyquist frequency is 0.25 cy/px" in Page(page.read_text("utf-8")).text
     assert [one.colour for one in lens.colours] == ["green", "red", "blue"]
     assert lens.capacity is None
     assert any("no noise-equivalent quanta of raw mosaics" in note for note in lens.notes)

@@ -99,6 +99,7 @@ def test_lens(command: Command, edge_file: Path, noise_file: Path, tmp_path: Pat
     assert (tmp_path / "again.csv").read_text("utf-8") == table
 
 
+@pytest.mark.slow
 def test_calibrate(command: Command, edge_file: Path, noise_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "psf.json"
     words = ("--noise", noise_file, "--region", "centre", "--pixel-pitch-um", 4.5, "--out", out)
