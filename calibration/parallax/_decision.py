@@ -50,19 +50,17 @@ class HeldOutGain:
         """``views``: in their own light. ``matched``: of them, reduced by the factor."""
         surfaces, sizes = surface_patches(matched.held_out, matched.held_out != 0)
         part, before, better = _left_by_part(views, matched, factor, surfaces)
-        left, gained, squares = (
-            _sums(part, one, len(sizes)) for one in (before, better, np.square(better))
-        )
+        sums = (_sums(part, values, len(sizes)) for values in (before, better, np.square(better)))
+        # Of each surface, and last of the frame.
+        left, gained, squares = (np.append(one, one.sum()) for one in sums)
         # Where a plane is as good, a block is better or worse by chance.
         spread = np.sqrt(squares)
-        wins = _wins(gained, left, spread)
-        whole = np.array([gained.sum()]), np.array([left.sum()]), np.sqrt([squares.sum()])
-        loses = (gained < 0) & (gained <= -_SURE_SD * spread)
-        has_depth = bool(wins.any() or _wins(*whole).all())
+        wins = (gained > 0) & (gained >= _LEAST_GAIN * left) & (gained >= _SURE_SD * spread)
+        loses = ((gained < 0) & (gained <= -_SURE_SD * spread))[:-1]
         return cls(
-            gain=float(gained[~loses].sum() / max(left.sum(), _NOTHING)),
-            has_depth=has_depth,
-            may_have_depth=has_depth or bool(gained.sum() > -_WORSE_SD * whole[2][0]),
+            gain=float(gained[:-1][~loses].sum() / max(left[-1], _NOTHING)),
+            has_depth=bool(wins.any()),
+            may_have_depth=bool(wins.any() or gained[-1] > -_WORSE_SD * spread[-1]),
             surfaces=surfaces,
             loses=loses,
         )
@@ -72,19 +70,15 @@ class HeldOutGain:
         if not self.loses.any():
             return matched
         target, loses = _on_plane(matched.target, self.loses[self.surfaces])
-        back = replace(small, to_x=-small.to_x, to_y=-small.to_y)
-        there = shifted_along(loses.astype(np.float32), back, matched.source, cv2.INTER_NEAREST)
+        there = shifted_along(
+            loses.astype(np.float32), small.reversed(), matched.source, cv2.INTER_NEAREST
+        )
         source, _ = _on_plane(matched.source, there > 0)
         return replace(matched, target=target, source=source)
 
 
 def _sums(number: IntArray, values: FloatArray, count: int = 0) -> FloatArray:
     return np.bincount(number, values, count).astype(np.float64)
-
-
-def _wins(gained: FloatArray, left: FloatArray, spread: FloatArray) -> BoolArray:
-    much = gained > np.maximum(_LEAST_GAIN * left, _NOTHING)
-    return np.asarray(much & (gained >= _SURE_SD * spread))
 
 
 def _on_plane(parallax_px: Float32Array, loses: BoolArray) -> tuple[Float32Array, BoolArray]:

@@ -62,7 +62,7 @@ class Parallax(ByValue):
     epipole_px
         The other camera's centre in that photograph, homogeneous ``(x, y, w)``.
     matches, agreeing
-        Matched features, and those within a pixel of their epipolar lines.
+        Matched features and places of the flow, and those within a pixel of their epipolar lines.
     held_out_gain
         Share of what the plane leaves unexplained in blocks that were not looked at, which parallax
         explains.
