@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from standoff.console.guide import ComparisonInputs, GuidedReference
 
 DEFAULT_PORT = 8471
+UNSPECIFIED = ("0.0.0.0", "::")  # noqa: S104 - refused
+
 RECEIVE_BYTES = 512 * 1024
 """Lets 2 MB a second and more arrive over a link with a round trip of .1 s."""
 
@@ -96,8 +98,14 @@ def guide(
             param_hint="--host",
         )
     token = secrets.token_urlsafe(16)
-    certificate = made_certificate(address)
     with open_socket(address, port, RECEIVE_BYTES) as bound:
+        if bound.getsockname()[0] in UNSPECIFIED:
+            raise BadParameter(
+                f"{address} stands for all addresses of this computer, and no phone can open it; "
+                "name the one in the phone's network",
+                param_hint="--host",
+            )
+        certificate = made_certificate(address)
         shown = f"[{address}]" if ":" in address else address
         url = f"https://{shown}:{bound.getsockname()[1]}/"
         entry = f"{url}login?token={token}"

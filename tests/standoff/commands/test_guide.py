@@ -119,6 +119,25 @@ def test_without_a_network_the_address_has_to_be_named(
     assert "--host" in command.refused(2, "guide", stills.reference)
 
 
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "0"])
+def test_an_address_that_no_phone_can_open_is_refused(
+    command: Command, monkeypatch: pytest.MonkeyPatch, stills: Stills, host: str
+) -> None:
+    class Bound(socket.socket):  # nothing is opened to the network
+        def getsockname(self) -> tuple[str, int]:
+            return ("::" if ":" in host else "0.0.0.0"), 8471
+
+    monkeypatch.setattr("standoff.console.open_socket", lambda *_: Bound())
+    err = command.refused(2, "guide", stills.reference, "--host", host)
+    assert "no phone can open it" in err
+
+
+def test_a_host_that_is_no_name_is_refused_in_one_line(command: Command, stills: Stills) -> None:
+    err = command.refused(1, "guide", stills.reference, "--host", "\u00fc" * 70)
+    assert "cannot listen on" in err
+    assert len(err.strip().splitlines()) == 1
+
+
 @pytest.mark.slow
 def test_it_serves_by_tls_until_it_is_told_to_end(tmp_path: Path, stills: Stills) -> None:
     arguments = ("guide", stills.reference, *HERE, "--json")

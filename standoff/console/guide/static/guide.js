@@ -1,7 +1,7 @@
 // The page: the reference, the camera with its guidance, and the photographs with their changes.
 
 import { Camera } from "./camera.js";
-import { keep, sendWaiting } from "./uploads.js";
+import { forget, keep, refusedOnes, sendAgain, sendWaiting } from "./uploads.js";
 
 const OF = `of=${encodeURIComponent(document.body.dataset.of)}`;
 const $ = (id) => document.getElementById(id);
@@ -14,6 +14,7 @@ const WORDS = { go: "Good: take the photograph", unsure: "Nearly", "no go": "Not
 const KIND = { go: "go", unsure: "unsure", "no go": "no" };
 const SPEAK_MS = 2500;
 const POLL_MS = 1500;
+const GONE_MS = 2000;
 
 function fault(text) {
   $("fault").textContent = text ?? "";
@@ -28,11 +29,12 @@ let camera = null;
 let spokenMs = 0;
 let spoken = "";
 let wasGood = false;
+let isUnknown = true;
 
 function say(found) {
   const good = found.verdict === "go";
   if ($("vibration").checked && good && !wasGood) navigator.vibrate?.([80, 60, 80]);
-  const text = good ? "Good. Take the photograph." : found.arrows[0]?.words ?? found.words;
+  const text = good ? "Good. Take the photograph." : found.spoken;
   const now = performance.now();
   if ($("voice").checked && (good !== wasGood || (now - spokenMs > SPEAK_MS && (text !== spoken || now - spokenMs > 3 * SPEAK_MS)))) {
     speechSynthesis.cancel();
@@ -45,12 +47,16 @@ function say(found) {
 function show({ found, fault: text, lost }) {
   if (text !== undefined) fault(text);
   if (lost) fault("The link to the computer is lost; this page keeps trying.");
-  if (!found) return;
+  if (!found || (found.verdict === "go" && camera.isLate)) {
+    unknown("Waiting for the computer.");
+    return;
+  }
   fault("");
+  isUnknown = false;
   $("verdict").className = `verdict ${KIND[found.verdict]}`;
   $("verdict-word").textContent = WORDS[found.verdict];
   $("verdict-words").textContent = found.words;
-  $("remedy").textContent = found.remedy && !found.arrows.length ? found.remedy : "";
+  $("remedy").textContent = found.arrows.length ? found.faults.join("; ") : found.remedy;
   const wanted = found.verdict === "go" ? [] : found.arrows;
   $("arrows").replaceChildren(...wanted.map(({ name, words }) => {
     const item = document.createElement("li");
@@ -63,8 +69,22 @@ function show({ found, fault: text, lost }) {
   say(found);
 }
 
+// Nothing is known of where the camera stands now: nothing that was said of it stays.
+function unknown(words) {
+  if (isUnknown) return;
+  isUnknown = true;
+  wasGood = false;
+  $("verdict").className = "verdict no";
+  $("verdict-word").textContent = "…";
+  $("verdict-words").textContent = words;
+  $("remedy").textContent = "";
+  $("arrows").replaceChildren();
+}
+
 function draw() {
   if (!camera) return;
+  // An arrow of a second ago still points the right way; green is for now alone.
+  if ((wasGood && camera.isLate) || camera.ageMs > GONE_MS) unknown("Waiting for the computer.");
   const [canvas, video] = [$("overlay"), $("video")];
   const { clientWidth, clientHeight } = canvas;
   const scale = window.devicePixelRatio || 1;
@@ -118,18 +138,22 @@ async function openCamera() {
     fault("This browser gives pages no camera. Take a photograph with the button below instead.");
     return;
   }
-  camera = new Camera($("video"), show, `/frames?${OF}`);
+  const opening = new Camera($("video"), show, `/frames?${OF}`);
+  camera = opening;
   window.guide = camera;
+  isUnknown = false;
+  unknown("Looking for the scene.");
   $("live").hidden = false;
   $("start").hidden = true;
   try {
-    await camera.open();
+    await opening.open();
   } catch (error) {
+    if (opening.isClosed) return;
     closeCamera();
     fault(`The camera cannot be used: ${error.message}. Allow it for this page in the browser's settings, or take a photograph with the button below.`);
     return;
   }
-  draw();
+  if (!opening.isClosed) draw();
 }
 
 function closeCamera() {
@@ -141,19 +165,53 @@ function closeCamera() {
 
 // ---- Photographs
 
-function sent({ share, words, fault: text, done }) {
+function sent({ share, words, refused, done }) {
   $("sending").hidden = Boolean(done);
   if (share !== undefined) $("sending-share").value = share;
   if (words) $("sending-words").textContent = words;
-  if (text) fault(text);
+  if (refused) listRefused();
   if (done) list();
+}
+
+function sendAll() {
+  sendWaiting(sent).catch((error) => fault(`The photographs in this phone cannot be sent: ${error.message}`));
+}
+
+function action(text, work) {
+  const made = element("button", text);
+  made.type = "button";
+  made.addEventListener("click", async () => {
+    await work();
+    await listRefused();
+  });
+  return made;
+}
+
+async function listRefused() {
+  const all = await refusedOnes();
+  $("refused").hidden = !all.length;
+  for (const link of $("refused-list").querySelectorAll("a")) URL.revokeObjectURL(link.href);
+  $("refused-list").replaceChildren(...all.map((one) => {
+    const item = element("li", one.refused);
+    const save = element("a", "Save it in the phone", "button");
+    save.href = URL.createObjectURL(new Blob([one.bytes], { type: "image/jpeg" }));
+    save.download = `${one.sha256.slice(0, 8)}.jpg`;
+    const buttons = element("div", "", "buttons");
+    buttons.append(
+      save,
+      action("Send it again", () => sendAgain(one).then(sendAll)),
+      action("Throw it away", () => forget(one.sha256)),
+    );
+    item.append(buttons);
+    return item;
+  }));
 }
 
 async function send(blob) {
   $("sending").hidden = false;
   const location = $("remove-location").checked ? "remove" : "keep";
   await keep(blob, { location, of: document.body.dataset.of });
-  await sendWaiting(sent);
+  sendAll(); // not waited for: the next one can be taken
 }
 
 async function shoot() {
@@ -287,7 +345,8 @@ $("photograph").addEventListener("change", async ({ target: input }) => {
 });
 setInterval(list, POLL_MS);
 setInterval(told, 1000);
-document.addEventListener("visibilitychange", () => { if (!document.hidden) sendWaiting(sent); });
-window.addEventListener("online", () => sendWaiting(sent));
+document.addEventListener("visibilitychange", () => { if (!document.hidden) sendAll(); });
+window.addEventListener("online", sendAll);
 list();
-sendWaiting(sent);
+listRefused();
+sendAll();
