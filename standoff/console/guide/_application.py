@@ -92,6 +92,7 @@ def guide_app(
             Route("/stills", pages.stills),
             Route("/stills", pages.announce, methods=["POST"]),
             Route("/stills/{sha256}", pages.part, methods=["PUT"]),
+            Route("/stills/{name}", pages.still),
             Route("/stills/{name}/{which}", pages.picture),
             Mount("/static", StaticFiles(directory=FOLDER / "static")),
         ],
@@ -207,9 +208,20 @@ class _Pages:
         return listed
 
     async def stills(self, request: Request) -> Response:
-        """What is known of every still, the newest first."""
+        """How far every still is, the newest first; its changes are asked for once it is done."""
         records = self._of(request).store.records()
-        return JSONResponse([record.to_json() for record in records])
+        shown = [record.to_json() for record in records]
+        for one in shown:
+            del one["changes"]
+        return JSONResponse(shown)
+
+    async def still(self, request: Request) -> Response:
+        """All that is known of one still."""
+        name = request.path_params["name"]
+        for record in self._of(request).store.records():
+            if record.name == name:
+                return JSONResponse(record.to_json())
+        raise HTTPException(404, "there is no such photograph")
 
     async def announce(self, request: Request) -> Response:
         """Say where a still goes on: 0 for a new one, its size for one that is stored."""

@@ -238,9 +238,7 @@ class StillStore:
                 work()
             except Exception as error:  # noqa: BLE001 - decoders and fits: the next still goes on
                 what = on_one_line(f"{type(error).__name__}: {error}")
-                self._publish(
-                    replace(self._newest(record), state="failed", words=f"{what}. {_KEPT}")
-                )
+                self._failed(self._newest(record), f"{what}. {_KEPT}")
 
     def _newest(self, record: StillRecord) -> StillRecord:
         with self._lock:
@@ -263,14 +261,13 @@ class StillStore:
             self._write(record)
         except ImageFileError as error:  # it is no photograph, and will be none
             self.uploads.discard(path)
-            return self._failed(record, error)
+            return self._failed(record, on_one_line(str(error)))
         except (*REPORTED_ERRORS, OSError) as error:
-            return self._failed(record, error, _KEPT)
+            return self._failed(record, f"{on_one_line(str(error))}. {_KEPT}")
         self.uploads.discard(path)
         return self._finish(record)
 
-    def _failed(self, record: StillRecord, error: Exception, *more: str) -> StillRecord:
-        words = " ".join([on_one_line(str(error)), *more])
+    def _failed(self, record: StillRecord, words: str) -> StillRecord:
         record = replace(record, state="failed", words=words)
         self._publish(record)
         return record

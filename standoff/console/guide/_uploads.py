@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,9 @@ PART_BYTES = 2**20
 
 MOST_WAITING = 16
 """Photographs that are on their way at one time."""
+
+LEAST_FREE_BYTES = 2**30
+"""Of the disk: with less no photograph is begun, as its session takes several times its size."""
 
 STALE_S = 7 * 24 * 3600.0
 """A photograph of which nothing came for so long is given up."""
@@ -73,6 +77,8 @@ class Uploads:
                     raise TryAgainError(
                         f"{MOST_WAITING} photographs are on their way; wait until one is compared"
                     )
+                if shutil.disk_usage(self._folder).free < LEAST_FREE_BYTES:
+                    raise TryAgainError("the computer's disk is full; make room there")
                 part.touch()
             return Received(received=part.stat().st_size)
 

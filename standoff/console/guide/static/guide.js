@@ -14,6 +14,7 @@ const WORDS = { go: "Good: take the photograph", unsure: "Nearly", "no go": "Not
 const KIND = { go: "go", unsure: "unsure", "no go": "no" };
 const SPEAK_MS = 2500;
 const POLL_MS = 1500;
+const LIST_MS = 30000;
 const GONE_MS = 2000;
 
 function fault(text) {
@@ -262,6 +263,7 @@ function cardOf(name) {
 }
 
 function fill(card, still) {
+  if (still.state === "done") blinkOf(card, still.name);
   if (card.dataset.state === `${still.state} ${still.words}`) return;
   card.dataset.state = `${still.state} ${still.words}`;
   const [, date, time] = /^(\d{8})-(\d{6})/.exec(still.name) ?? [];
@@ -273,15 +275,22 @@ function fill(card, still) {
   card.querySelector(".pose").textContent = still.pose?.words ?? "";
   card.querySelector(".words").textContent = still.words;
   card.querySelector(".better").replaceChildren(...still.better.map((text) => element("li", text)));
+}
+
+// The changes of a still, which are asked for once.
+async function blinkOf(card, name) {
   const blink = card.querySelector(".blink");
-  if (still.state === "done" && blink.hidden) {
-    blink.hidden = false;
-    blink.querySelector(".after").src = `/stills/${still.name}/after.jpg?${OF}`;
-    blink.querySelector(".before").src = `/stills/${still.name}/before.jpg?${OF}`;
-    const after = blink.querySelector(".after");
-    after.addEventListener("load", () => ring(blink.querySelector(".marks"), still.changes, after.naturalWidth / after.naturalHeight), { once: true });
-    listChanges(blink, still.changes);
-  }
+  if (!blink.hidden || card.isAsked) return;
+  card.isAsked = true;
+  const still = await answered(`/stills/${name}?${OF}`);
+  card.isAsked = false;
+  if (!still) return; // asked for again with the next list
+  blink.hidden = false;
+  const after = blink.querySelector(".after");
+  after.addEventListener("load", () => ring(blink.querySelector(".marks"), still.changes, after.naturalWidth / after.naturalHeight), { once: true });
+  after.src = `/stills/${name}/after.jpg?${OF}`;
+  blink.querySelector(".before").src = `/stills/${name}/before.jpg?${OF}`;
+  listChanges(blink, still.changes);
 }
 
 const FIRST = 5;
@@ -319,10 +328,24 @@ function ring(marks, changes, aspect) {
   }));
 }
 
+// What a path answers; null where it does not.
+async function answered(path) {
+  try {
+    const answer = await fetch(path, { signal: AbortSignal.timeout(LIST_MS) });
+    return answer.ok ? await answer.json() : null;
+  } catch {
+    return null;
+  }
+}
+
+let isListing = false;
+
 async function list() {
-  const answer = await fetch(`/stills?${OF}`).catch(() => null);
-  if (!answer?.ok) return;
-  const stills = await answer.json();
+  if (isListing || document.hidden) return;
+  isListing = true;
+  const stills = await answered(`/stills?${OF}`);
+  isListing = false;
+  if (!stills) return;
   $("no-stills").hidden = stills.length > 0;
   for (const still of stills) fill(cardOf(still.name), still);
   const wanted = stills.map((still) => cards.get(still.name));

@@ -37,7 +37,7 @@ ASKED = [
     ("GET", "/"), ("GET", "/reference.jpg"), ("GET", "/stills"), ("POST", "/frames"),
     ("POST", "/find"),
     ("POST", f"/stills?sha256={'0' * 64}&bytes=1"), ("PUT", f"/stills/{'0' * 64}?offset=0&bytes=1"),
-    ("GET", "/stills/any/after.jpg"), ("GET", "/static/guide.js"),
+    ("GET", "/stills/any"), ("GET", "/stills/any/after.jpg"), ("GET", "/static/guide.js"),
 ]  # fmt: skip
 
 
@@ -291,6 +291,10 @@ def test_only_pictures_of_stills_are_served(stills: Stills, tmp_path: Path, path
     made = Guide(stills, tmp_path)
     with made.phone:
         assert made.phone.get("/stills/one/after.jpg").content == b"a picture"
+        # Changes are many, and the list is asked for every second.
+        (listed,) = made.phone.get("/stills").json()
+        assert made.phone.get("/stills/one").json() == listed | {"changes": []}
+        assert made.phone.get("/stills/other").status_code == 404
         assert made.phone.get(path).status_code == 404
 
 
@@ -313,6 +317,18 @@ def test_the_certificate_served_is_the_one_whose_fingerprint_is_shown(
             plain.settimeout(30)
             with suppress(ConnectionError):
                 assert not plain.recv(100).startswith(b"HTTP")
+
+
+def test_a_connection_without_a_word_is_ended_though_it_never_shook_hands(
+    stills: Stills, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("standoff.console.server.HEADERS_S", 0.5)
+    with served_guide(stills.reference, tmp_path) as guide:
+        port = int(guide.url.rsplit(":", 1)[1].strip("/"))
+        with socket.create_connection(("127.0.0.1", port)) as silent:
+            silent.settimeout(30)  # asyncio's own limit is a minute
+            with suppress(ConnectionError):
+                assert silent.recv(100) == b""
 
 
 def handshake(served: Certificate, trusted: ssl.SSLContext, host: str) -> bytes:

@@ -113,7 +113,7 @@ def test_the_camera_guides_to_a_still_whose_changes_are_blinked(
 def not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is tested is how a still arrives."""
     monkeypatch.setattr(
-        "standoff.console.guide._stills.StillStore._finish", lambda _store, record: record
+        "standoff.console.guide._stills.StillStore._compared", lambda _store, _, record: record
     )
 
 
@@ -149,21 +149,27 @@ WAITING = """() => new Promise((resolve) => {
 })"""
 
 
+UNANSWERED = """() => {
+    window.before = window.fetch;
+    window.fetch = (path, { signal }) => new Promise((resolve, reject) => {
+        signal.addEventListener("abort", () => reject(signal.reason));
+    });
+}"""
+"""As where packets vanish, until the page itself gives up."""
+
+
 def test_green_goes_as_soon_as_nothing_is_known_any_more(
     browser: Browser, guide: ServedGuide
 ) -> None:
     with opened(browser, guide) as page:
         page.click("#use-camera")
         page.wait_for_selector("#verdict.go")
-        unanswered: list[Route] = []
-        page.route("**/frames**", unanswered.append)
+        page.evaluate(UNANSWERED)
         page.wait_for_selector("#verdict.no >> text=Waiting for the computer")
         assert page.inner_text("#verdict-word") == "…"
         assert page.locator("#arrows li").count() == 0
         page.wait_for_selector("#fault >> text=The link to the computer is lost")
-        page.unroute("**/frames**")
-        for route in unanswered:
-            route.abort()
+        page.evaluate("() => { window.fetch = window.before; }")
         page.wait_for_selector("#verdict.go")
         page.context.clear_cookies()  # as after the guide was started again
         page.wait_for_selector("#fault >> text=scan the code again")
@@ -171,6 +177,53 @@ def test_green_goes_as_soon_as_nothing_is_known_any_more(
         page.click("#end-camera")
         page.click("#use-camera")
         assert page.inner_text("#verdict-word") == "…"
+
+
+TAKEN_AWAY = "() => { guide.track.stop(); guide.track.dispatchEvent(new Event('ended')); }"
+"""As by a call: stopping a track by script alone sends no event."""
+
+ASKING = """() => {
+    const devices = navigator.mediaDevices;
+    const real = devices.getUserMedia.bind(devices);
+    devices.getUserMedia = async (wanted) => {
+        await new Promise((resolve) => { window.allow = resolve; });
+        window.given = await real(wanted);
+        return window.given;
+    };
+    window.lamps = 0;
+    const lock = { request: async () => { window.lamps += 1; return { release() {} }; } };
+    Object.defineProperty(navigator, "wakeLock", { value: lock });
+}"""
+"""The browser asks for the permission until ``allow`` is called, and counts who keeps the screen."""
+
+
+def test_a_camera_that_is_taken_away_is_opened_again_and_a_closed_one_is_left(
+    browser: Browser, guide: ServedGuide
+) -> None:
+    with opened(browser, guide) as page:
+        page.evaluate(ASKING)
+        page.click("#use-camera")
+        page.wait_for_function("window.allow")
+        page.click("#end-camera")
+        page.evaluate("window.allow()")
+        page.wait_for_function(
+            "window.given?.getTracks().every((one) => one.readyState === 'ended')"
+        )
+        page.evaluate("window.allow = window.given = null")
+        page.click("#use-camera")
+        page.wait_for_function("window.allow")
+        page.evaluate("window.allow()")
+        page.wait_for_selector("#verdict.go")
+        assert page.evaluate("window.lamps") == 1
+        page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
+        page.wait_for_function("window.lamps === 2")
+        page.evaluate("window.allow = null")
+        page.evaluate(TAKEN_AWAY)
+        page.wait_for_selector("#fault >> text=this page opens it again")
+        page.wait_for_function("window.allow")
+        page.evaluate("window.allow()")
+        page.wait_for_function("guide.track.readyState === 'live'")
+        page.wait_for_selector("#verdict.go")
 
 
 def test_a_photograph_that_is_refused_stays_in_the_phone_until_it_is_thrown_away(

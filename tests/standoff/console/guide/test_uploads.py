@@ -4,11 +4,13 @@ import hashlib
 import os
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from standoff.console.guide._uploads import (
+    LEAST_FREE_BYTES,
     MOST_BYTES,
     MOST_WAITING,
     STALE_S,
@@ -106,6 +108,17 @@ def test_only_so_many_are_on_their_way(uploads: Uploads) -> None:
     with pytest.raises(TryAgainError, match="wait until one is compared"):
         uploads.begin(SHA, len(DATA))
     assert uploads.begin(f"{3:064x}", 1).received == 0  # one that is known goes on
+
+
+def test_no_photograph_is_begun_on_a_disk_that_is_nearly_full(
+    uploads: Uploads, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uploads.begin(SHA, len(DATA))
+    free = SimpleNamespace(free=LEAST_FREE_BYTES - 1)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: free)
+    with pytest.raises(TryAgainError, match="disk is full"):
+        uploads.begin("0" * 64, 1)
+    assert uploads.begin(SHA, len(DATA)).received == 0  # one that is known goes on
 
 
 def test_a_photograph_that_was_given_up_makes_room(uploads: Uploads, tmp_path: Path) -> None:
