@@ -20,6 +20,8 @@ from standoff import library, terminal
 from standoff.errors import ApplicationError
 
 if TYPE_CHECKING:
+    from socket import socket
+
     from analysis.detectability import DetectabilityCurve
     from standoff.console.guide import ComparisonInputs, GuidedReference
 
@@ -99,12 +101,7 @@ def guide(
         )
     token = secrets.token_urlsafe(16)
     with open_socket(address, port, RECEIVE_BYTES) as bound:
-        if bound.getsockname()[0] in UNSPECIFIED:
-            raise BadParameter(
-                f"{address} stands for all addresses of this computer, and no phone can open it; "
-                "name the one in the phone's network",
-                param_hint="--host",
-            )
+        _refuse_unspecified(bound, address)
         certificate = made_certificate(address)
         shown = f"[{address}]" if ":" in address else address
         url = f"https://{shown}:{bound.getsockname()[1]}/"
@@ -134,6 +131,15 @@ def guide(
         finally:
             for one in guided:
                 one.store.close()
+
+
+def _refuse_unspecified(bound: socket, address: str) -> None:
+    if bound.getsockname()[0] in UNSPECIFIED:
+        raise BadParameter(
+            f"{address} stands for all addresses of this computer, and no phone can open it; "
+            "name the one in the phone's network",
+            param_hint="--host",
+        )
 
 
 def _guided(
