@@ -180,53 +180,6 @@ def test_green_goes_as_soon_as_nothing_is_known_any_more(
         assert page.inner_text("#verdict-word") == "…"
 
 
-TAKEN_AWAY = "() => { guide.track.stop(); guide.track.dispatchEvent(new Event('ended')); }"
-"""As by a call: stopping a track by script alone sends no event."""
-
-ASKING = """() => {
-    const devices = navigator.mediaDevices;
-    const real = devices.getUserMedia.bind(devices);
-    devices.getUserMedia = async (wanted) => {
-        await new Promise((resolve) => { window.allow = resolve; });
-        window.given = await real(wanted);
-        return window.given;
-    };
-    window.lamps = 0;
-    const lock = { request: async () => { window.lamps += 1; return { release() {} }; } };
-    Object.defineProperty(navigator, "wakeLock", { value: lock });
-}"""
-"""The browser asks for the permission until ``allow`` is called, and counts who keeps the screen."""
-
-
-def test_a_camera_that_is_taken_away_is_opened_again_and_a_closed_one_is_left(
-    browser: Browser, guide: ServedGuide
-) -> None:
-    with opened(browser, guide) as page:
-        page.evaluate(ASKING)
-        page.click("#use-camera")
-        page.wait_for_function("window.allow")
-        page.click("#end-camera")
-        page.evaluate("window.allow()")
-        page.wait_for_function(
-            "window.given?.getTracks().every((one) => one.readyState === 'ended')"
-        )
-        page.evaluate("window.allow = window.given = null")
-        page.click("#use-camera")
-        page.wait_for_function("window.allow")
-        page.evaluate("window.allow()")
-        page.wait_for_selector("#verdict.go")
-        assert page.evaluate("window.lamps") == 1
-        page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
-        page.wait_for_function("window.lamps === 2")
-        page.evaluate("window.allow = null")
-        page.evaluate(TAKEN_AWAY)
-        page.wait_for_selector("#fault >> text=this page opens it again")
-        page.wait_for_function("window.allow")
-        page.evaluate("window.allow()")
-        page.wait_for_function("guide.track.readyState === 'live'")
-        page.wait_for_selector("#verdict.go")
-
-
 def test_a_photograph_that_is_refused_stays_in_the_phone_until_it_is_thrown_away(
     browser: Browser, guide: ServedGuide, stills: Stills
 ) -> None:
