@@ -20,10 +20,14 @@ from standoff import library, terminal
 from standoff.errors import ApplicationError
 
 if TYPE_CHECKING:
+    from socket import socket
+
     from analysis.detectability import DetectabilityCurve
     from standoff.console.guide import ComparisonInputs, GuidedReference
 
 DEFAULT_PORT = 8471
+UNSPECIFIED = ("0.0.0.0", "::")  # noqa: S104 - refused
+
 RECEIVE_BYTES = 512 * 1024
 """Lets 2 MB a second and more arrive over a link with a round trip of .1 s."""
 
@@ -96,8 +100,9 @@ def guide(
             param_hint="--host",
         )
     token = secrets.token_urlsafe(16)
-    certificate = made_certificate(address)
     with open_socket(address, port, RECEIVE_BYTES) as bound:
+        _refuse_unspecified(bound, address)
+        certificate = made_certificate(address)
         shown = f"[{address}]" if ":" in address else address
         url = f"https://{shown}:{bound.getsockname()[1]}/"
         entry = f"{url}login?token={token}"
@@ -126,6 +131,15 @@ def guide(
         finally:
             for one in guided:
                 one.store.close()
+
+
+def _refuse_unspecified(bound: socket, address: str) -> None:
+    if bound.getsockname()[0] in UNSPECIFIED:
+        raise BadParameter(
+            f"{address} stands for all addresses of this computer, and no phone can open it; "
+            "name the one in the phone's network",
+            param_hint="--host",
+        )
 
 
 def _guided(

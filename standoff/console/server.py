@@ -8,6 +8,7 @@ import socket
 import ssl
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 from weakref import WeakKeyDictionary
 
@@ -30,8 +31,8 @@ STALLED_S = 30.0
 
 FULL = (
     b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nRetry-After: 10\r\n"
-    b"Content-Type: text/plain; charset=utf-8\r\nContent-Length: 53\r\n\r\n"
-    b"The console has as many connections as it can serve.\n"
+    b"Content-Type: text/plain; charset=utf-8\r\nContent-Length: 54\r\n\r\n"
+    b"The computer has as many connections as it can serve.\n"
 )
 
 Awaited = Literal["headers", "body", "nothing"]
@@ -172,8 +173,8 @@ def open_socket(host: str, port: int, receive_bytes: int = RECEIVE_BYTES) -> soc
 
 def _refused(host: str, port: int, error: OSError) -> ApplicationError:
     return ApplicationError(
-        f"cannot listen on {host}, port {port}: {error.strerror or error}; is a console already "
-        "running there? --port chooses another port"
+        f"cannot listen on {host}, port {port}: {error.strerror or error}; is standoff already "
+        "serving there? --port chooses another port"
     )
 
 
@@ -220,6 +221,17 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)
         self._watch = ConnectionWatch(self.server_state.connections)
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to serve; a TLS handshake gets the time of a request's headers."""
+        loop = asyncio.get_running_loop()
+        create = loop.create_server
+        if self.config.is_ssl:  # uvicorn has no option for asyncio's, which gives it a minute
+            loop.create_server = partial(create, ssl_handshake_timeout=HEADERS_S)  # type: ignore[method-assign]
+        try:
+            await super().startup(sockets)
+        finally:
+            loop.create_server = create  # type: ignore[method-assign]
 
     async def on_tick(self, counter: int) -> bool:
         """Look after the connections, besides what the server does ten times a second."""

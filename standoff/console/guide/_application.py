@@ -1,6 +1,7 @@
 """The guide's page and what it sends: frames to be judged, stills in parts, and what is asked."""
 
 import asyncio
+import re
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -17,14 +18,14 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from acquisition.errors import ApplicationError
+from acquisition.errors import ApplicationError, ImageFileError
 from acquisition.printable import on_one_line
 from standoff.console.access import Access, AccessMiddleware
 from standoff.console.entrance import Entrance, body_of
 from standoff.console.guide._assessment import WITHOUT_CURVES, Judge
 from standoff.console.guide._live import MOST_FRAME_BYTES, FrameError, LiveGuidance
 from standoff.console.guide._stills import StillStore
-from standoff.console.guide._uploads import PART_BYTES, UploadError
+from standoff.console.guide._uploads import PART_BYTES, Received, TryAgainError, UploadError
 
 T = TypeVar("T")
 
@@ -35,6 +36,9 @@ FRAMES_WAITING = 4
 
 TRIED_AT_ONCE = 3
 """References that a frame is compared with to find out which of them it shows."""
+
+PHONES_SEARCHING = 64
+"""Phones of which it is known where among the references each goes on."""
 
 WORK_WAITING = 32
 """Requests other than frames that are served at one time."""
@@ -88,6 +92,7 @@ def guide_app(
             Route("/stills", pages.stills),
             Route("/stills", pages.announce, methods=["POST"]),
             Route("/stills/{sha256}", pages.part, methods=["PUT"]),
+            Route("/stills/{name}", pages.still),
             Route("/stills/{name}/{which}", pages.picture),
             Mount("/static", StaticFiles(directory=FOLDER / "static")),
         ],
@@ -107,7 +112,7 @@ class _Pages:
         self, references: Sequence[GuidedReference], access: Access, fingerprint: str
     ) -> None:
         self._references = {one.name: one for one in references}
-        self._next = 0
+        self._next: dict[str, int] = {}
         self._access = access
         self._fingerprint = fingerprint
         self._frames = 0
@@ -148,7 +153,7 @@ class _Pages:
         live = self._of(request).live
         async with self._one_frame():
             data = await self._body(request, MOST_FRAME_BYTES)
-            found = await live.judged(data)
+            found = await live.judged(data, phone=_phone(request), taken_s=_taken_s(request))
         return JSONResponse({"passed_over": True} if found is None else found.to_json())
 
     async def find(self, request: Request) -> Response:
@@ -156,11 +161,13 @@ class _Pages:
         self._require_own_page(request)
         async with self._one_frame():
             data = await self._body(request, MOST_FRAME_BYTES)
-            names = list(self._references)
-            tried = [names[(self._next + k) % len(names)] for k in range(TRIED_AT_ONCE)]
-            self._next = (self._next + TRIED_AT_ONCE) % len(names)
+            names, phone = list(self._references), _phone(request)
+            first = self._next.pop(phone, 0)
+            tried = [names[(first + k) % len(names)] for k in range(TRIED_AT_ONCE)]
+            if len(self._next) < PHONES_SEARCHING:
+                self._next[phone] = (first + TRIED_AT_ONCE) % len(names)
             for name in dict.fromkeys(tried):
-                found = await self._references[name].live.judged(data)
+                found = await self._references[name].live.judged(data, phone=phone)
                 if found is not None and found.deviation is not None:
                     return JSONResponse({"of": name})
         return JSONResponse({"of": None})
@@ -201,9 +208,20 @@ class _Pages:
         return listed
 
     async def stills(self, request: Request) -> Response:
-        """What is known of every still, the newest first."""
+        """How far every still is, the newest first; its changes are asked for once it is done."""
         records = self._of(request).store.records()
-        return JSONResponse([record.to_json() for record in records])
+        shown = [record.to_json() for record in records]
+        for one in shown:
+            del one["changes"]
+        return JSONResponse(shown)
+
+    async def still(self, request: Request) -> Response:
+        """All that is known of one still."""
+        name = request.path_params["name"]
+        for record in self._of(request).store.records():
+            if record.name == name:
+                return JSONResponse(record.to_json())
+        raise HTTPException(404, "there is no such photograph")
 
     async def announce(self, request: Request) -> Response:
         """Say where a still goes on: 0 for a new one, its size for one that is stored."""
@@ -213,7 +231,7 @@ class _Pages:
         if store.record_of(sha256) is not None:
             return JSONResponse({"received": size, "is_stored": True})
         found = await self._in_thread(partial(store.uploads.begin, sha256, size))
-        return JSONResponse({"received": found.received, "is_stored": False})
+        return await self._received(request, store, found)
 
     async def part(self, request: Request) -> Response:
         """Add a part of a still; the last one is answered once the whole is verified."""
@@ -224,11 +242,16 @@ class _Pages:
         store = self._of(request).store
         add = partial(store.uploads.add, sha256, offset, data, size)
         found = await self._in_thread(add)
-        if found.path is None:
-            return JSONResponse({"received": found.received, "is_stored": False})
-        is_removed = _text(request, "location") == "remove"
-        record = store.take(found.path, is_location_removed=is_removed)
-        return JSONResponse({"received": found.received, "is_stored": True, "name": record.name})
+        return await self._received(request, store, found)
+
+    async def _received(self, request: Request, store: StillStore, found: Received) -> Response:
+        """Take a still that is whole, and answer how far it is."""
+        if found.path is not None:
+            is_removed = _text(request, "location") == "remove"
+            take = partial(store.take, found.path, is_location_removed=is_removed)
+            await self._in_thread(take)
+        document = {"received": found.received, "is_stored": found.path is not None}
+        return JSONResponse(document)
 
     async def picture(self, request: Request) -> Response:
         parameters = request.path_params
@@ -264,7 +287,9 @@ class _Pages:
         self._working += 1
         try:
             return await asyncio.to_thread(work)
-        except UploadError as error:
+        except TryAgainError as error:
+            raise HTTPException(409, str(error)) from error
+        except (UploadError, ImageFileError) as error:
             raise HTTPException(422, str(error)) from error
         except ApplicationError as error:
             raise HTTPException(500, str(error)) from error
@@ -283,6 +308,21 @@ async def _fault(_: Request, error: Exception) -> Response:
 
 def _text(request: Request, name: str) -> str:
     return request.query_params.get(name, "")
+
+
+def _phone(request: Request) -> str:
+    """Its address, by which phones are told apart."""
+    return request.client.host if request.client else ""
+
+
+def _taken_s(request: Request) -> float | None:
+    """When a frame was taken by the phone's clock, which it tells in ms; None if it does not."""
+    text = _text(request, "at")
+    if not text:
+        return None
+    if not re.fullmatch(r"[0-9]{1,12}(\.[0-9]{1,6})?", text, re.ASCII):
+        raise HTTPException(422, "at is a number of milliseconds")
+    return float(text) / 1000
 
 
 def _number(request: Request, name: str) -> int:

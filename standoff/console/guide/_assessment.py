@@ -1,6 +1,6 @@
 """What is said of a frame or a still: go, no go or unsure, why, and what would make it better."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -68,6 +68,8 @@ class Assessment:
         The reason in a sentence.
     remedy
         What would make it better, in a sentence; empty if nothing would.
+    faults
+        The remedies of what is wrong besides where the camera stands, such as too little light.
     arrows
         Movements to make, at most two, the most urgent first.
     outline
@@ -80,10 +82,19 @@ class Assessment:
     verdict: Verdict
     words: str
     remedy: str = ""
+    faults: tuple[str, ...] = ()
     arrows: tuple[Arrow, ...] = ()
     outline: tuple[tuple[float, float], ...] = ()
     deviation: PoseDeviation | None = field(default=None, repr=False)
     quality: PoseQuality | None = field(default=None, repr=False)
+
+    @property
+    def spoken(self) -> str:
+        """What to do next, for a voice: arrows come first until the camera stands where it did."""
+        is_placed = self.deviation is not None and self.deviation.largest_cost <= GO_UP_TO
+        if self.faults and (is_placed or not self.arrows):
+            return ", ".join(self.faults)
+        return self.arrows[0].words if self.arrows else self.words
 
     def to_json(self) -> dict[str, object]:
         """Return what the page shows, and the figures behind it."""
@@ -92,6 +103,8 @@ class Assessment:
             "verdict": self.verdict,
             "words": self.words,
             "remedy": self.remedy,
+            "faults": self.faults,
+            "spoken": self.spoken,
             "arrows": [{"name": one.name, "words": one.words} for one in self.arrows],
             "outline": self.outline,
             "pose": None
@@ -134,7 +147,8 @@ class Judge:
         matrix: FloatArray,
         *,
         full_size: tuple[int, int] | None = None,
-        motion: float = 0.0,
+        motion: float | None = 0.0,
+        level: float | None = None,
     ) -> Assessment:
         """Judge a picture whose pose was found.
 
@@ -148,7 +162,9 @@ class Judge:
             ``(width, height)`` of the still that is judged; by default it is taken to be sampled
             as finely as the reference.
         motion
-            Speed of the picture, in frames a second.
+            Speed of the picture, in frames a second; where it is None, not known, nothing is good.
+        level
+            Mean level as displayed, from 0 to 1; by default that of ``levels``.
         """
         rows, cols = levels.shape
         size, small = (cols, rows), self.reference.small_size
@@ -159,16 +175,23 @@ class Judge:
         faults = frame_faults(levels, self.reference.levels, matrix)
         if faults is not None and not faults.is_same_scene:
             return self.lost()
+        if faults is not None and level is not None:
+            faults = replace(faults, level=level)
         quality = self._quality(matrix, size, full_size)
         verdict, causes = self._verdict(deviation, faults, quality, motion)
-        words, remedy = _said(verdict, deviation, causes, quality)
-        if verdict != "go" and motion > STEADY and deviation.largest_cost <= GO_UP_TO:
-            remedy = "; ".join(filter(None, (_REMEDIES["motion"], remedy)))
+        arrows = deviation.arrows()
+        remedies = [
+            _REMEDIES[each] for each, value in causes.items() if each in _REMEDIES and value > 1
+        ]
+        if verdict != "go" and not _is_steady(motion) and deviation.largest_cost <= GO_UP_TO:
+            remedies.insert(0, _REMEDIES["motion"])
+        told = ", then ".join(arrow.words for arrow in arrows) if verdict != "go" else ""
         return Assessment(
             verdict=verdict,
-            words=words,
-            remedy=remedy,
-            arrows=deviation.arrows(),
+            words=_said(verdict, deviation, causes, quality),
+            remedy="; ".join(filter(None, (told, *remedies))),
+            faults=tuple(dict.fromkeys(remedies)),
+            arrows=arrows,
             outline=_outline(matrix, size, small),
             deviation=deviation,
             quality=quality,
@@ -179,7 +202,7 @@ class Judge:
         deviation: PoseDeviation,
         faults: FrameFaults | None,
         quality: PoseQuality | None,
-        motion: float,
+        motion: float | None,
     ) -> tuple[Verdict, dict[str, float]]:
         """The verdict, and all costs by name, largest first."""
         causes: dict[str, float] = {str(name): cost for name, cost in deviation.costs.items()}
@@ -187,14 +210,14 @@ class Judge:
             causes["aim"] = max(causes["aim"], 2 * UNSURE_UP_TO)
         else:
             others = faults.costs()
-            blur = "motion" if motion > MOST_MOTION else "focus"
+            blur = "motion" if (motion or 0.0) > MOST_MOTION else "focus"
             causes |= {
                 blur: others["sharpness"],
                 "light": others["light"],
                 "glare": others["glare"],
             }
         largest = max(causes.values())
-        is_good = deviation.largest_cost <= GO_UP_TO and largest <= 1 and motion <= STEADY
+        is_good = deviation.largest_cost <= GO_UP_TO and largest <= 1 and _is_steady(motion)
         verdict: Verdict = "go" if is_good else "unsure"
         if largest > UNSURE_UP_TO:
             verdict = "no go"
@@ -218,10 +241,14 @@ class Judge:
             return None
 
 
-def dprime_lost(quality: PoseQuality) -> float:
-    """Share of d' that is lost against the reference's own pose."""
+def _is_steady(motion: float | None) -> bool:
+    return motion is not None and motion <= STEADY
+
+
+def dprime_lost(quality: PoseQuality) -> float | None:
+    """Share of d' that is lost against the reference's own pose; None where that is not known."""
     best = float(np.asarray(quality.curve.d_prime_at(np.array([1.0])))[0])
-    return max(1 - quality.decisive_d_prime / best, 0.0) if best > 0 else 0.0
+    return max(1 - quality.decisive_d_prime / best, 0.0) if best > 0 else None
 
 
 def _said(
@@ -229,24 +256,18 @@ def _said(
     deviation: PoseDeviation,
     causes: dict[str, float],
     quality: PoseQuality | None,
-) -> tuple[str, str]:
-    """The reason, and what would make it better."""
+) -> str:
+    """The reason."""
     name, cost = next(iter(causes.items()))
     worst = _COSTS.get(name, {"motion": "motion blur"}.get(name, name))
     words = f"{deviation.sentence[0].upper()}{deviation.sentence[1:]}."
     if quality is not None:
-        words += (
-            f" d′ {quality.decisive_d_prime:.2f} of at least {quality.min_d_prime:g}; "
-            f"{100 * dprime_lost(quality):.0f} % is lost against the reference's pose."
-        )
+        lost = dprime_lost(quality)
+        share = "" if lost is None else f"; {100 * lost:.0f} % is lost against the reference's pose"
+        words += f" d′ {quality.decisive_d_prime:.2f} of at least {quality.min_d_prime:g}{share}."
     if verdict != "go" and cost > GO_UP_TO:
         words += f" What costs most: {worst}."
-    remedies = [
-        _REMEDIES[each] for each, value in causes.items() if each in _REMEDIES and value > 1
-    ]
-    steps = [arrow.words for arrow in deviation.arrows()]
-    told = ", then ".join(steps) if verdict != "go" else ""
-    return words, "; ".join(filter(None, (told, *remedies)))
+    return words
 
 
 def _outline(

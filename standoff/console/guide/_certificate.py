@@ -18,7 +18,7 @@ _CLOCKS_DIFFER = timedelta(hours=1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
-    """A self-signed certificate; its key is nowhere but in the context of this process.
+    """A self-signed certificate; its key is in the context of this process, and no file is left.
 
     ``fingerprint``: SHA-256 of the certificate, as browsers show it: pairs of capital digits.
     """
@@ -34,7 +34,7 @@ def made_certificate(host: str) -> Certificate:
     try:
         known: x509.GeneralName = x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
-        known = x509.DNSName(host)
+        known = x509.DNSName(host.encode("idna").decode())
     now = datetime.now(UTC)
     made = (
         x509.CertificateBuilder()

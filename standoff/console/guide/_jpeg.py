@@ -12,7 +12,14 @@ from PIL import Image
 from acquisition.errors import ImageFileError
 
 _START = b"\xff\xd8"
-_GPS = 0x8825
+_GPS, _ORIENTATION = 0x8825, 0x0112
+_TEXTS = (0x010D, 0x010E, 0x9C9B, 0x9C9C, 0x9C9D, 0x9C9E, 0x9C9F, 0x02BC, 0x83BB, 0x8649)
+"""Document's name, description, Windows' title, comment, author, keywords and subject, and the XMP,
+IPTC and Photoshop blocks that Exif has as tags: each may name the place."""
+
+_EXIF_IFD = 0x8769
+_EXIF_TEXTS = (0x927C, 0x9286)
+"""The maker's note and the user's comment."""
 _EXIF = b"Exif\0\0"
 _SCAN, _END, _COMMENT = 0xDA, 0xD9, 0xFE
 _EXIF_MARKER = 0xE1
@@ -20,6 +27,8 @@ _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _FRAME_BYTES = 10
 _NO_PIXELS = "the JPEG file is damaged: it ends within its pixels"
 _APPS = range(0xE0, 0xF0)
+_WITHOUT_LENGTH = frozenset((0x00, 0x01, *range(0xD0, 0xDA)))
+"""Markers that stand alone, and the zero that is none; headers have none of them."""
 _KEPT = {0xE0: b"JFIF", 0xE2: b"ICC_PROFILE", 0xEE: b"Adobe"}
 """Segments of applications that say how the pixels are read; all others may name a place."""
 
@@ -46,8 +55,9 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
 def without_location(data: bytes) -> bytes:
     """Return a JPEG file without its GPS tags, and without all else that may name the place.
 
-    The coded pixels, the profile and Exif's other tags stay; what follows the image (previews,
-    films) goes, for it has tags of its own.
+    The coded pixels, the profile and Exif's other tags stay; its texts and the maker's note go, and
+    so does what follows the image (previews, films), which has tags of its own. Of Exif that cannot
+    be read nothing stays.
 
     Raises
     ------
@@ -78,6 +88,8 @@ def _segments(data: bytes) -> Iterator[tuple[int, bytes, int]]:
         if marker == 0xFF:  # a fill byte
             at += 1
             continue
+        if marker in _WITHOUT_LENGTH:  # decoders do not take what follows for a length
+            raise JpegError("the JPEG file is damaged: its headers hold a marker of its pixels")
         end = at + 2 + int(struct.unpack_from(">H", data, at + 2)[0])
         yield marker, data[at:end], at
         at = end
@@ -97,8 +109,11 @@ def _exif_segment(body: bytes) -> bytes:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damage that it can live with
             exif.load(body)
-            if _GPS in exif:
-                del exif[_GPS]
+            within = exif.get_ifd(_EXIF_IFD)
+            for tags, forgotten in ((exif, (_GPS, *_TEXTS)), (within, _EXIF_TEXTS)):
+                for tag in forgotten:
+                    if tag in tags:
+                        del tags[tag]
             made = exif.tobytes()
     except (ValueError, SyntaxError, TypeError, KeyError, struct.error, OSError):
         return b""

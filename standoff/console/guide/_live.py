@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -23,6 +24,9 @@ MOST_FRAME_BYTES = 512 * 1024
 _SIDES_PX = range(96, 1025)
 _STALE_S = 1.0
 """From frames further apart no motion is told."""
+
+_MOST_PHONES = 16
+"""That are told apart; the first is forgotten for one more."""
 
 
 class FrameError(ApplicationError):
@@ -46,7 +50,7 @@ def decoded_frame(data: bytes) -> ByteImage:
         )
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
     found = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    if found is None:
+    if found is None or found.shape != size[::-1]:
         raise FrameError("the frame is damaged")
     factor = FRAME_PX / max(size)
     if factor != 1:
@@ -55,10 +59,18 @@ def decoded_frame(data: bytes) -> ByteImage:
     return np.asarray(found, np.uint8)
 
 
-class LiveGuidance:
-    """Judges one frame at a time, always the newest; one camera is followed.
+@dataclass(slots=True)
+class _Phone:
+    """What is kept of one phone: the number of its newest frame, and when its last pose was."""
 
-    ``clock`` tells seconds.
+    newest: int = 0
+    before: tuple[float, FloatArray] | None = None
+
+
+class LiveGuidance:
+    """Judges one frame at a time, always the newest of a phone; one camera is followed.
+
+    ``clock`` tells the seconds at which frames were taken whose phone does not tell.
     """
 
     def __init__(self, judge: Judge, clock: Callable[[], float] = time.monotonic) -> None:
@@ -66,47 +78,57 @@ class LiveGuidance:
         self._clock = clock
         self._follower = PoseFollower(judge.reference.levels)
         self._turn = asyncio.Lock()
-        self._newest = 0
-        self._before: tuple[float, FloatArray] | None = None
+        self._phones: dict[str, _Phone] = {}
         self._follower.update(judge.reference.levels)  # its features, before anybody waits
         self._follower.reset()
 
-    async def judged(self, data: bytes) -> Assessment | None:
-        """Judge a frame; None if a newer one came while it waited."""
-        self._newest += 1
-        mine = self._newest
+    async def judged(
+        self, data: bytes, *, phone: str = "", taken_s: float | None = None
+    ) -> Assessment | None:
+        """Judge a frame of a phone; None if a newer one of it came while it waited."""
+        known = self._known(phone)
+        known.newest += 1
+        mine = known.newest
         async with self._turn:
-            if mine != self._newest:
+            if mine != known.newest:
                 return None
-            return await asyncio.to_thread(self.look, data)
+            return await asyncio.to_thread(self.look, data, phone=phone, taken_s=taken_s)
 
-    def look(self, data: bytes) -> Assessment:
-        """Judge one frame, from its JPEG file."""
+    def look(self, data: bytes, *, phone: str = "", taken_s: float | None = None) -> Assessment:
+        """Judge one frame, from its JPEG file, taken at ``taken_s`` of its phone's clock."""
         levels = decoded_frame(data)
+        known = self._known(phone)
+        before, known.before = known.before, None
         try:
             found = self._follower.update(levels)
         except RegistrationError:  # a covered lens
             self._follower.reset()
-            self._before = None
             return self._judge.lost()
         if found.pose is None:
-            self._before = None
             return self._judge.lost()
-        matrix = found.pose.matrix
-        assessed = self._judge.judged(levels, matrix, motion=self._motion(matrix, levels.shape))
+        now = (self._clock() if taken_s is None else taken_s), found.pose.matrix
+        motion = _motion(before, now, levels.shape)
+        assessed = self._judge.judged(levels, found.pose.matrix, motion=motion)
         if assessed.deviation is None:
             self._follower.reset()
-            self._before = None
+        else:
+            known.before = now
         return assessed
 
-    def _motion(self, matrix: FloatArray, shape: tuple[int, ...]) -> float:
-        """Speed of the picture's middle since the frame before, in frames a second."""
-        now_s, before = self._clock(), self._before
-        self._before = now_s, matrix
-        if before is None or not 0 < now_s - before[0] < _STALE_S:
-            return 0.0
-        rows, cols = shape
-        middle = np.array([(cols - 1) / 2]), np.array([(rows - 1) / 2])
-        x, y = project(np.asarray(np.linalg.inv(matrix) @ before[1], np.float64), *middle)
-        moved = np.hypot(x - middle[0], y - middle[1])
-        return float(moved[0]) / max(rows, cols) / (now_s - before[0])
+    def _known(self, phone: str) -> _Phone:
+        if phone not in self._phones and len(self._phones) >= _MOST_PHONES:
+            del self._phones[next(iter(self._phones))]
+        return self._phones.setdefault(phone, _Phone())
+
+
+def _motion(
+    before: tuple[float, FloatArray] | None, now: tuple[float, FloatArray], shape: tuple[int, ...]
+) -> float | None:
+    """Speed of the picture's middle since the frame before, in frames a second; None if unknown."""
+    if before is None or not 0 < now[0] - before[0] < _STALE_S:
+        return None
+    rows, cols = shape
+    middle = np.array([(cols - 1) / 2]), np.array([(rows - 1) / 2])
+    x, y = project(np.asarray(np.linalg.inv(now[1]) @ before[1], np.float64), *middle)
+    moved = np.hypot(x - middle[0], y - middle[1])
+    return float(moved[0]) / max(rows, cols) / (now[0] - before[0])

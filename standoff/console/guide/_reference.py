@@ -76,9 +76,14 @@ class GuideReference:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class UprightView:
-    """A photograph the way up it is viewed: small grey levels as displayed, and its full size."""
+    """A photograph the way up it is viewed: small grey levels as displayed, and its full size.
+
+    ``levels`` are brightened, so that a dark one can be compared; ``level`` is their mean before
+    that, from 0 to 1.
+    """
 
     levels: ByteImage
+    level: float
     size: tuple[int, int]
 
     @classmethod
@@ -93,6 +98,7 @@ class UprightView:
         is_turned = (photograph.facts.orientation or 1) >= 5
         return cls(
             levels=np.rint(255 * np.asarray(shown)).astype(np.uint8),
+            level=float(on_screen(small, photograph.white_dn).mean()),
             size=(rows, cols) if is_turned else (cols, rows),
         )
 

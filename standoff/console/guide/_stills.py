@@ -2,17 +2,19 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from math import pi, sqrt
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 from typing import Any, Literal
 
 import cv2
 import numpy as np
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from acquisition.errors import ImageFileError
 from acquisition.files import make_results_folder, write_file
@@ -21,7 +23,7 @@ from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.changes import Change, ChangeSummary, describe_focus, describe_limit
-from analysis.pose import PoseFollower
+from analysis.pose import PoseFollower, Verdict
 from analysis.reports import compared_pictures
 from standoff.console.guide._assessment import Assessment, Judge
 from standoff.console.guide._jpeg import jpeg_size, without_location
@@ -48,6 +50,7 @@ _ONE_COMPARISON = Lock()
 """Of two at a time, for two references, each takes twice as long and both take their memory."""
 
 _SCHEMA = "standoff.guide/1"
+_KEPT = "The computer keeps the photograph; the next run of the guide tries again."
 _MOST_LISTED = 100
 _MOST_DOCUMENT_BYTES = 1 << 20
 _SOFTER_PX2 = 1.0
@@ -107,16 +110,44 @@ class StillRecord:
         return {"schema": _SCHEMA, **asdict(self)}
 
 
+class _StoredPose(BaseModel):
+    """What the pages need of a pose."""
+
+    model_config = ConfigDict(strict=True)
+
+    verdict: Verdict
+    words: str
+
+
+class _StoredChange(BaseModel):
+    """What the page needs of a change."""
+
+    model_config = ConfigDict(strict=True)
+
+    x: float
+    y: float
+    radius: float
+    area_px: float
+    amplitude_dn: float
+    what: str
+    side: Literal["brighter", "darker"]
+
+
+_RECORD = TypeAdapter(StillRecord)
+
+
 class StillStore:
     """Takes stills one by one into sessions, and compares each with the reference.
 
     Work is done in a thread of its own, between ``start`` and ``close``; what had arrived in an
     earlier run is taken first, without its location, as nobody knows any more what was asked for.
+    A still that cannot be stored stays where it arrived, for the next run.
     """
 
     def __init__(self, folder: Path, judge: Judge, inputs: ComparisonInputs) -> None:
         self.folder = folder
-        self.uploads = Uploads(folder / INCOMING)
+        self._incoming = folder / INCOMING
+        self.uploads = Uploads(self._incoming)
         self._judge = judge
         self._inputs = inputs
         self._follower = PoseFollower(judge.reference.levels)
@@ -126,20 +157,30 @@ class StillStore:
             if record.reference == judge.reference.path.name
         }
         self._lock = Lock()
-        self._queue: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
+        self._taking = Lock()
+        self._ended = Event()
+        self._queue: SimpleQueue[tuple[StillRecord, Callable[[], object]] | None] = SimpleQueue()
         self._thread = Thread(target=self._run, name="stills", daemon=True)
 
     def start(self) -> None:
         """Begin to work."""
-        for path in self.uploads.whole():
-            self._queue.put(partial(self.process, path, is_location_removed=True))
         for record in self.records():
             if record.state == "comparing":  # the earlier run ended
-                self._queue.put(partial(self._finish, record))
+                self._queue.put((record, partial(self._finish, record)))
+        for path in self.uploads.whole():
+            if self._is_stored(path.name):  # just before the earlier run ended
+                self.uploads.discard(path)
+                continue
+            with suppress(ImageFileError):  # gone then
+                self.take(path, is_location_removed=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End after the still at work; those that wait are taken by the next run."""
+        """Begin no other still; the next run takes up those that wait, and the one at work.
+
+        Its thread is not waited for, which may compare for minutes: it ends with the process.
+        """
+        self._ended.set()
         self._queue.put(None)
 
     def records(self) -> list[StillRecord]:
@@ -148,14 +189,37 @@ class StillStore:
             return [self._records[name] for name in sorted(self._records, reverse=True)]
 
     def record_of(self, sha256: str) -> StillRecord | None:
-        """Return the still that was sent with this hash, if there is one."""
-        return next((one for one in self.records() if one.sha256 == sha256), None)
+        """Return the still that was sent with this hash, if the computer has it.
+
+        One that was refused is not there any more: it may be sent again.
+        """
+        found = next((one for one in self.records() if one.sha256 == sha256), None)
+        if found is None or found.state != "failed":
+            return found
+        is_kept = self._is_stored(sha256) or (self._incoming / sha256).is_file()
+        return found if is_kept else None
 
     def take(self, path: Path, *, is_location_removed: bool) -> StillRecord:
-        """Queue a still that has arrived whole, under its hash as its name."""
-        record = replace(self._begun(path), words="The photograph has arrived.")
-        self._publish(record)
-        self._queue.put(partial(self.process, path, is_location_removed=is_location_removed))
+        """Queue a still that has arrived whole, under its hash as its name; each one once.
+
+        Raises
+        ------
+        ImageFileError
+            If it is no photograph that can be worked on; its file is gone then.
+        """
+        with self._taking:
+            known = self.record_of(path.name)
+            if known is not None:
+                return known
+            try:
+                _require_still(read_regular_file(path))
+            except ImageFileError:
+                self.uploads.discard(path)
+                raise
+            record = replace(self._begun(path), words="The photograph has arrived.")
+            self._publish(record)
+        work = partial(self.process, path, is_location_removed=is_location_removed)
+        self._queue.put((record, work))
         return record
 
     def picture(self, name: str, which: str) -> bytes | None:
@@ -168,36 +232,61 @@ class StillStore:
         return read_regular_file(path)
 
     def _run(self) -> None:
-        while (work := self._queue.get()) is not None:
-            work()
+        while (item := self._queue.get()) is not None and not self._ended.is_set():
+            record, work = item
+            try:
+                work()
+            except Exception as error:  # noqa: BLE001 - decoders and fits: the next still goes on
+                what = on_one_line(f"{type(error).__name__}: {error}")
+                self._failed(self._newest(record), f"{what}. {_KEPT}")
+
+    def _newest(self, record: StillRecord) -> StillRecord:
+        with self._lock:
+            return self._records.get(record.name, record)
+
+    def _is_stored(self, sha256: str) -> bool:
+        """Whether a session has the photograph."""
+        return any(
+            (self.folder / one.name / "results" / PHOTOGRAPH_NAME).is_file()
+            for one in self.records()
+            if one.sha256 == sha256
+        )
 
     def process(self, path: Path, *, is_location_removed: bool) -> StillRecord:
         """Store, judge and compare one still; what goes wrong is in its record."""
         record = self._begun(path)
         try:
-            session = self._session_of(path, record, is_location_removed=is_location_removed)
-            record = self._posed(session, record)
-        except (*REPORTED_ERRORS, OSError) as error:
-            record = replace(record, state="failed", words=on_one_line(str(error)))
-            self._publish(record)
-            return record
-        finally:
+            self._store(path, record, is_location_removed=is_location_removed)
+            record = replace(record, state="comparing", words="The photograph is stored.")
+            self._write(record)
+        except ImageFileError as error:  # it is no photograph, and will be none
             self.uploads.discard(path)
+            return self._failed(record, on_one_line(str(error)))
+        except (*REPORTED_ERRORS, OSError) as error:
+            return self._failed(record, f"{on_one_line(str(error))}. {_KEPT}")
+        self.uploads.discard(path)
         return self._finish(record)
 
+    def _failed(self, record: StillRecord, words: str) -> StillRecord:
+        record = replace(record, state="failed", words=words)
+        self._publish(record)
+        return record
+
     def _finish(self, record: StillRecord) -> StillRecord:
-        """Compare a still that is stored and judged."""
+        """Judge and compare a still that is stored."""
         session = self.folder / record.name
         try:
+            if record.pose is None:
+                record = self._posed(session, record)
             record = self._compared(session, record)
-        except REPORTED_ERRORS as error:
+        except (*REPORTED_ERRORS, OSError) as error:
             said = on_one_line(str(error)).replace(f"{session}/", "")
             record = replace(record, state="failed", words=f"No changes: {said}")
         self._publish(record)
-        _write(session, record)
+        self._write(record)
         return record
 
-    def _session_of(self, path: Path, record: StillRecord, *, is_location_removed: bool) -> Path:
+    def _store(self, path: Path, record: StillRecord, *, is_location_removed: bool) -> None:
         """Import the still into a session; its file, with Exif, lies in the session's results."""
         self._publish(replace(record, words="The photograph is stored."))
         data = read_regular_file(path)
@@ -219,7 +308,6 @@ class StillStore:
             f"{removed}; follow-up of {self._judge.reference.path.name}",
             operator=OPERATOR,
         )
-        return session
 
     def _posed(self, session: Path, record: StillRecord) -> StillRecord:
         """Judge the pose, which takes a second."""
@@ -239,7 +327,7 @@ class StillStore:
         said = f"pose: {assessed.verdict}; {assessed.words}"
         add_note(session, on_one_line(said), operator=OPERATOR)
         self._publish(record)
-        _write(session, record)
+        self._write(record)
         return record
 
     def _assessed(self, view: UprightView) -> Assessment:
@@ -247,7 +335,9 @@ class StillStore:
         found = self._follower.update(view.levels)
         if found.pose is None:
             return self._judge.lost()
-        return self._judge.judged(view.levels, found.pose.matrix, full_size=view.size)
+        return self._judge.judged(
+            view.levels, found.pose.matrix, full_size=view.size, level=view.level
+        )
 
     def _compared(self, session: Path, record: StillRecord) -> StillRecord:
         """Look for changes, and write them into the session."""
@@ -292,6 +382,10 @@ class StillStore:
     def _publish(self, record: StillRecord) -> None:
         with self._lock:
             self._records[record.name] = record
+
+    def _write(self, record: StillRecord) -> None:
+        data = json.dumps(record.to_json(), indent=1, ensure_ascii=False).encode()
+        write_file(self.folder / record.name / "results" / DOCUMENT_NAME, data)
 
 
 def _require_still(data: bytes) -> None:
@@ -351,22 +445,20 @@ def _better(summary: ChangeSummary) -> list[str]:
     return said
 
 
-def _write(session: Path, record: StillRecord) -> None:
-    data = json.dumps(record.to_json(), indent=1, ensure_ascii=False).encode()
-    write_file(session / "results" / DOCUMENT_NAME, data)
-
-
 def _stored(folder: Path) -> list[StillRecord]:
     """Stills of earlier runs; a document that is damaged is passed over."""
     found = []
     for path in sorted(folder.glob(f"*/results/{DOCUMENT_NAME}")):
         try:
-            document = parse_json(read_regular_file(path))
+            document = parse_json(read_regular_file(path, _MOST_DOCUMENT_BYTES))
+            if not isinstance(document, dict) or document.get("schema") != _SCHEMA:
+                continue
+            record = _RECORD.validate_python(document | {"name": path.parent.parent.name})
+            if record.pose is not None:
+                _StoredPose.model_validate(record.pose)
+            for change in record.changes:
+                _StoredChange.model_validate(change)
         except (OSError, ValueError):
             continue
-        if isinstance(document, dict) and document.pop("schema", None) == _SCHEMA:
-            document["changes"] = tuple(document.get("changes") or ())
-            document["better"] = tuple(document.get("better") or ())
-            document["name"] = path.parent.parent.name
-            found.append(StillRecord(**document))
+        found.append(record)
     return found

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,9 @@ PART_BYTES = 2**20
 MOST_WAITING = 16
 """Photographs that are on their way at one time."""
 
+LEAST_FREE_BYTES = 2**30
+"""Of the disk: with less no photograph is begun, as its session takes several times its size."""
+
 STALE_S = 7 * 24 * 3600.0
 """A photograph of which nothing came for so long is given up."""
 
@@ -28,6 +32,10 @@ _PART = ".part"
 
 class UploadError(ApplicationError):
     """A part does not fit what is known of its photograph."""
+
+
+class TryAgainError(UploadError):
+    """What was sent is not taken now; sent again from where ``begin`` says, it will be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,20 +60,25 @@ class Uploads:
         return sorted(path for path in self._folder.iterdir() if _SHA256.fullmatch(path.name))
 
     def begin(self, sha256: str, size: int) -> Received:
-        """Say how much of a photograph is there already: where to go on."""
+        """Say how much of a photograph is there already: where to go on, or that it is whole."""
         if not _SHA256.fullmatch(sha256):
             raise UploadError("a photograph is named by its SHA-256, in hexadecimal digits")
         if not 0 < size <= MOST_BYTES:
             raise UploadError(f"a photograph has at most {MOST_BYTES // 2**20} MB")
         with self._lock:
+            whole = self._whole(sha256)
+            if whole is not None:
+                return whole
             part = self._part(sha256)
             if not part.exists():
                 make_folder(self._folder)
                 self._give_up_stale()
                 if len(list(self._folder.iterdir())) >= MOST_WAITING:
-                    raise UploadError(
+                    raise TryAgainError(
                         f"{MOST_WAITING} photographs are on their way; wait until one is compared"
                     )
+                if shutil.disk_usage(self._folder).free < LEAST_FREE_BYTES:
+                    raise TryAgainError("the computer's disk is full; make room there")
                 part.touch()
             return Received(received=part.stat().st_size)
 
@@ -73,14 +86,18 @@ class Uploads:
         """Add the part that begins at ``offset``; another offset adds nothing.
 
         ``size``: bytes of the whole photograph. The last part is followed by a check of the whole:
-        if its hash is another one, what was received is thrown away.
+        if its hash is another one, what was received is thrown away. To one that is whole nothing
+        is added.
         """
         if not _SHA256.fullmatch(sha256):
             raise UploadError("a photograph is named by its SHA-256, in hexadecimal digits")
         with self._lock:
+            whole = self._whole(sha256)
+            if whole is not None:
+                return whole
             part = self._part(sha256)
             if not part.exists():
-                raise UploadError("this photograph was not announced, or is stored already")
+                raise TryAgainError("this photograph was not announced, or is stored already")
             received = part.stat().st_size
             if offset != received:
                 return Received(received=received)
@@ -105,12 +122,17 @@ class Uploads:
     def _part(self, sha256: str) -> Path:
         return self._folder / (sha256 + _PART)
 
+    def _whole(self, sha256: str) -> Received | None:
+        """A photograph that waits to be taken, of which the answer may have been lost."""
+        path = self._folder / sha256
+        return Received(received=path.stat().st_size, path=path) if path.exists() else None
+
     def _finished(self, part: Path, sha256: str) -> Received:
         with part.open("rb") as opened:
             found = hashlib.file_digest(opened, "sha256").hexdigest()
         if found != sha256:
             part.unlink()
-            raise UploadError("the photograph did not arrive as it was sent; send it again")
+            raise TryAgainError("the photograph did not arrive as it was sent; send it again")
         whole = self._folder / sha256
         size = part.stat().st_size
         part.replace(whole)

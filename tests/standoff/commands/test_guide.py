@@ -7,11 +7,15 @@ import socket
 import ssl
 import urllib.request
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("starlette", reason="the console's extra is not installed")
+
+from starlette.applications import Starlette
+from starlette.testclient import TestClient
 
 from analysis.detectability._curves import DetectabilityCurves
 from analysis.results_file import write_results
@@ -24,15 +28,21 @@ from tests.standoff.console.processes import first_line, standoff_process
 HERE = ("--host", "127.0.0.1", "--port", 0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Served:
+    app: Starlette
+    tls: ssl.SSLContext
+
+
 @pytest.fixture
-def served(monkeypatch: pytest.MonkeyPatch) -> list[ssl.SSLContext]:
-    """Contexts of what was served, each ended as soon as it was ready."""
-    found: list[ssl.SSLContext] = []
+def served(monkeypatch: pytest.MonkeyPatch) -> list[Served]:
+    """What was served, each ended as soon as it was ready."""
+    found: list[Served] = []
 
     def serve(
-        app: object, bound: socket.socket, *, ready: Callable[[], None], tls: ssl.SSLContext
+        app: Starlette, bound: socket.socket, *, ready: Callable[[], None], tls: ssl.SSLContext
     ) -> None:
-        found.append(tls)
+        found.append(Served(app=app, tls=tls))
         ready()
 
     monkeypatch.setattr("standoff.console.serve", serve)
@@ -41,7 +51,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[ssl.SSLContext]:
 
 @pytest.mark.slow
 def test_it_says_how_to_pair_and_to_whom_it_is_served(
-    command: Command, served: list[ssl.SSLContext], stills: Stills, tmp_path: Path
+    command: Command, served: list[Served], stills: Stills, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
     done = command.done("guide", stills.reference, *HERE, "--out", out)
@@ -58,11 +68,16 @@ def test_it_says_how_to_pair_and_to_whom_it_is_served(
 
 @pytest.mark.slow
 def test_a_curve_judges_poses_by_what_can_be_found(
-    command: Command, served: list[ssl.SSLContext], stills: Stills, tmp_path: Path
+    command: Command, served: list[Served], stills: Stills, tmp_path: Path
 ) -> None:
     curves = tmp_path / "curves.json"
     write_results(curves, DetectabilityCurves(curves=[curve()]))
-    command.done("guide", stills.reference, *HERE, "--out", tmp_path, "--curves", curves)
+    pages = []
+    for more in ((), ("--curves", curves)):
+        document = command.document("guide", stills.reference, *HERE, "--out", tmp_path, *more)
+        with TestClient(served[-1].app, base_url=document["url"]) as phone:
+            pages.append(phone.get(document["entry"]).text)
+    assert ["No curves are given" in page for page in pages] == [True, False]
     curves.write_text("{}")
     err = command.refused(1, "guide", stills.reference, *HERE, "--curves", curves)
     assert "curves.json" in err
@@ -92,7 +107,7 @@ def test_a_reference_that_cannot_be_read_is_an_error_in_one_line(
 
 @pytest.mark.slow
 def test_a_folder_of_references_is_served_as_one(
-    command: Command, served: list[ssl.SSLContext], stills: Stills, tmp_path: Path
+    command: Command, served: list[Served], stills: Stills, tmp_path: Path
 ) -> None:
     folder = tmp_path / "references"
     folder.mkdir()
@@ -117,6 +132,25 @@ def test_without_a_network_the_address_has_to_be_named(
 ) -> None:
     monkeypatch.setattr("standoff.console.guide.network_address", lambda: None)
     assert "--host" in command.refused(2, "guide", stills.reference)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "0"])
+def test_an_address_that_no_phone_can_open_is_refused(
+    command: Command, monkeypatch: pytest.MonkeyPatch, stills: Stills, host: str
+) -> None:
+    class Bound(socket.socket):  # nothing is opened to the network
+        def getsockname(self) -> tuple[str, int]:
+            return ("::" if ":" in host else "0.0.0.0"), 8471
+
+    monkeypatch.setattr("standoff.console.open_socket", lambda *_: Bound())
+    err = command.refused(2, "guide", stills.reference, "--host", host)
+    assert "no phone can open it" in err
+
+
+def test_a_host_that_is_no_name_is_refused_in_one_line(command: Command, stills: Stills) -> None:
+    err = command.refused(1, "guide", stills.reference, "--host", "\u00fc" * 70)
+    assert "cannot listen on" in err
+    assert len(err.strip().splitlines()) == 1
 
 
 @pytest.mark.slow

@@ -7,6 +7,10 @@ const LATE_MS = 400;
 const SLOW_MS = 280;
 const FAST_MS = 180;
 const BURST = 3;
+const ANSWER_MS = 5000;
+const REOPEN_MS = 1000;
+
+const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 const area = (width, height, longest) => {
   const factor = Math.min(1, longest / Math.max(width, height));
@@ -28,25 +32,62 @@ export class Camera {
     this.takenMs = 0;
     this.answersMs = [];
     this.ages = [];
+    this.isClosed = false;
+    this.stayLit = this.stayLit.bind(this);
   }
 
   async open() {
-    this.stream = await navigator.mediaDevices.getUserMedia({
-      audio: false,
-      video: { facingMode: { ideal: "environment" }, width: { ideal: 1920 }, height: { ideal: 1440 } },
-    });
-    this.video.srcObject = this.stream;
-    await this.video.play();
-    this.wanted = true;
-    this.lamp = await navigator.wakeLock?.request("screen").catch(() => null);
+    await this.connect();
+    if (this.isClosed) return;
+    document.addEventListener("visibilitychange", this.stayLit);
+    this.stayLit();
     this.pump();
   }
 
   close() {
-    this.wanted = false;
+    this.isClosed = true;
+    document.removeEventListener("visibilitychange", this.stayLit);
     this.lamp?.release();
     for (const track of this.stream?.getTracks() ?? []) track.stop();
     this.video.srcObject = null;
+  }
+
+  async connect() {
+    const stream = await navigator.mediaDevices.getUserMedia({
+      audio: false,
+      video: { facingMode: { ideal: "environment" }, width: { ideal: 1920 }, height: { ideal: 1440 } },
+    });
+    const [track] = stream.getVideoTracks();
+    if (this.isClosed) { // while the browser asked for the permission
+      track.stop();
+      return;
+    }
+    // A call or another app takes the camera away.
+    track.addEventListener("ended", () => this.reconnect());
+    track.addEventListener("mute", () => this.show({ fault: "The camera gives no picture; this page waits for it." }));
+    [this.stream, this.track] = [stream, track];
+    this.video.srcObject = stream;
+    await this.video.play();
+  }
+
+  async reconnect() {
+    while (!this.isClosed && this.track.readyState !== "live") {
+      this.show({ fault: "The camera has stopped; this page opens it again." });
+      await pause(REOPEN_MS);
+      if (!document.hidden) await this.connect().catch(() => null); // tried again
+    }
+  }
+
+  // The screen goes dark with the page hidden, and the lock is lost.
+  async stayLit() {
+    if (document.hidden) return;
+    const lamp = await navigator.wakeLock?.request("screen").catch(() => null);
+    if (this.isClosed) lamp?.release();
+    else this.lamp = lamp;
+  }
+
+  get givesPictures() {
+    return this.video.videoWidth > 0 && this.track.readyState === "live" && !this.track.muted;
   }
 
   // Age of what is shown, in ms: since the frame was taken that it was made from.
@@ -66,9 +107,9 @@ export class Camera {
   async pump() {
     const canvas = document.createElement("canvas");
     const drawing = canvas.getContext("2d", { alpha: false });
-    while (this.wanted) {
-      if (this.inFlight >= IN_FLIGHT || !this.video.videoWidth || document.hidden) {
-        await new Promise((resolve) => setTimeout(resolve, 15));
+    while (!this.isClosed) {
+      if (this.inFlight >= IN_FLIGHT || !this.givesPictures || document.hidden) {
+        await pause(15);
         continue;
       }
       [canvas.width, canvas.height] = area(this.video.videoWidth, this.video.videoHeight, this.longest);
@@ -79,35 +120,45 @@ export class Camera {
       this.sent += 1;
       this.ask(blob, takenMs, this.sent).finally(() => { this.inFlight -= 1; });
       // Half a round trip apart, so that the computer always has one to work on.
-      await new Promise((resolve) => setTimeout(resolve, Math.min(100, (this.roundMs ?? 100) / IN_FLIGHT)));
+      await pause(Math.min(100, (this.roundMs ?? 100) / IN_FLIGHT));
     }
   }
 
   async ask(blob, takenMs, number) {
-    let answer;
+    let found;
     try {
-      answer = await fetch(this.path, { method: "POST", body: blob });
+      const at = `${this.path.includes("?") ? "&" : "?"}at=${takenMs.toFixed(1)}`;
+      const signal = AbortSignal.timeout(ANSWER_MS); // packets may vanish without a word
+      const answer = await fetch(this.path + at, { method: "POST", body: blob, signal });
+      const text = await answer.text();
+      if (!answer.ok) {
+        this.refused(answer.status, text);
+        await pause(200);
+        return;
+      }
+      found = JSON.parse(text);
     } catch {
-      this.show({ lost: true });
-      await new Promise((resolve) => setTimeout(resolve, 500));
+      if (!this.isClosed) this.show({ lost: true });
+      await pause(500);
       return;
     }
-    if (!answer.ok) {
-      const told = await answer.json().catch(() => ({ text: "" }));
-      if (answer.status !== 429) this.show({ fault: told.text });
-      await new Promise((resolve) => setTimeout(resolve, 200));
-      return;
-    }
-    const found = await answer.json();
     const nowMs = performance.now();
     this.adapt(nowMs - takenMs);
-    if (found.passed_over || number < this.newest || !this.wanted) return;
+    if (found.passed_over || number < this.newest || this.isClosed) return;
     this.newest = number;
     this.guidance = found;
     this.takenMs = takenMs;
     this.answersMs = [...this.answersMs.slice(-60), nowMs];
     this.ages = [...this.ages.slice(-60), nowMs - takenMs];
     this.show({ found });
+  }
+
+  refused(status, text) {
+    if (this.isClosed || status === 429) return;
+    let told = `the computer answers ${status}`;
+    if (status === 401) told = "This phone is not paired any more: scan the code again.";
+    else if (text.startsWith("{")) told = JSON.parse(text).text;
+    this.show({ fault: told });
   }
 
   // Send less where answers take long, and more again where they do not.
@@ -124,15 +175,15 @@ export class Camera {
 
   // The sharpest of a burst at the highest resolution that the browser gives.
   async still() {
-    const [track] = this.stream.getVideoTracks();
     const taken = [];
     for (let count = 0; count < BURST; count += 1) {
-      const blob = await this.takePhoto(track) ?? await this.grab();
-      if (blob) taken.push([await sharpness(blob), blob]);
+      const blob = await this.takePhoto(this.track) ?? await this.grab();
+      if (blob) taken.push({ blob, ...await measured(blob) });
     }
     if (!taken.length) throw new Error("the camera gave no photograph");
-    taken.sort((one, other) => other[0] - one[0]);
-    return taken[0][1];
+    // A frame of the video, taken where a photograph failed, is smaller and looks sharper.
+    taken.sort((one, other) => other.pixels - one.pixels || other.sharpness - one.sharpness);
+    return taken[0].blob;
   }
 
   async takePhoto(track) {
@@ -155,16 +206,22 @@ export class Camera {
   }
 }
 
-// Mean squared gradient of the middle of a picture, as it is.
-async function sharpness(blob) {
+// Pixels of a picture, and the mean squared gradient of its middle, along and across.
+export async function measured(blob) {
   const picture = await createImageBitmap(blob);
+  const pixels = picture.width * picture.height;
   const side = Math.min(1024, picture.width, picture.height);
   const canvas = new OffscreenCanvas(side, side);
   const drawing = canvas.getContext("2d", { alpha: false });
   drawing.drawImage(picture, (picture.width - side) / 2, (picture.height - side) / 2, side, side, 0, 0, side, side);
   picture.close();
   const { data } = drawing.getImageData(0, 0, side, side);
+  const [along, across] = [4, 4 * side];
   let sum = 0;
-  for (let at = 4; at < data.length; at += 4) sum += (data[at + 1] - data[at - 3]) ** 2;
-  return sum / data.length;
+  for (let row = 0; row < side - 1; row += 1) {
+    for (let at = row * across + 1, end = at + across - along; at < end; at += along) {
+      sum += (data[at + along] - data[at]) ** 2 + (data[at + across] - data[at]) ** 2;
+    }
+  }
+  return { pixels, sharpness: sum / (side - 1) ** 2 };
 }

@@ -1,7 +1,7 @@
 // The page: the reference, the camera with its guidance, and the photographs with their changes.
 
 import { Camera } from "./camera.js";
-import { keep, sendWaiting } from "./uploads.js";
+import { forget, keep, refusedOnes, sendAgain, sendWaiting } from "./uploads.js";
 
 const OF = `of=${encodeURIComponent(document.body.dataset.of)}`;
 const $ = (id) => document.getElementById(id);
@@ -14,6 +14,8 @@ const WORDS = { go: "Good: take the photograph", unsure: "Nearly", "no go": "Not
 const KIND = { go: "go", unsure: "unsure", "no go": "no" };
 const SPEAK_MS = 2500;
 const POLL_MS = 1500;
+const LIST_MS = 30000;
+const GONE_MS = 2000;
 
 function fault(text) {
   $("fault").textContent = text ?? "";
@@ -28,11 +30,12 @@ let camera = null;
 let spokenMs = 0;
 let spoken = "";
 let wasGood = false;
+let isUnknown = true;
 
 function say(found) {
   const good = found.verdict === "go";
   if ($("vibration").checked && good && !wasGood) navigator.vibrate?.([80, 60, 80]);
-  const text = good ? "Good. Take the photograph." : found.arrows[0]?.words ?? found.words;
+  const text = good ? "Good. Take the photograph." : found.spoken;
   const now = performance.now();
   if ($("voice").checked && (good !== wasGood || (now - spokenMs > SPEAK_MS && (text !== spoken || now - spokenMs > 3 * SPEAK_MS)))) {
     speechSynthesis.cancel();
@@ -45,12 +48,16 @@ function say(found) {
 function show({ found, fault: text, lost }) {
   if (text !== undefined) fault(text);
   if (lost) fault("The link to the computer is lost; this page keeps trying.");
-  if (!found) return;
+  if (!found || (found.verdict === "go" && camera.isLate)) {
+    unknown("Waiting for the computer.");
+    return;
+  }
   fault("");
+  isUnknown = false;
   $("verdict").className = `verdict ${KIND[found.verdict]}`;
   $("verdict-word").textContent = WORDS[found.verdict];
   $("verdict-words").textContent = found.words;
-  $("remedy").textContent = found.remedy && !found.arrows.length ? found.remedy : "";
+  $("remedy").textContent = found.arrows.length ? found.faults.join("; ") : found.remedy;
   const wanted = found.verdict === "go" ? [] : found.arrows;
   $("arrows").replaceChildren(...wanted.map(({ name, words }) => {
     const item = document.createElement("li");
@@ -63,8 +70,22 @@ function show({ found, fault: text, lost }) {
   say(found);
 }
 
+// Nothing is known of where the camera stands now: nothing that was said of it stays.
+function unknown(words) {
+  if (isUnknown) return;
+  isUnknown = true;
+  wasGood = false;
+  $("verdict").className = "verdict no";
+  $("verdict-word").textContent = "…";
+  $("verdict-words").textContent = words;
+  $("remedy").textContent = "";
+  $("arrows").replaceChildren();
+}
+
 function draw() {
   if (!camera) return;
+  // An arrow of a second ago still points the right way; green is for now alone.
+  if ((wasGood && camera.isLate) || camera.ageMs > GONE_MS) unknown("Waiting for the computer.");
   const [canvas, video] = [$("overlay"), $("video")];
   const { clientWidth, clientHeight } = canvas;
   const scale = window.devicePixelRatio || 1;
@@ -118,18 +139,22 @@ async function openCamera() {
     fault("This browser gives pages no camera. Take a photograph with the button below instead.");
     return;
   }
-  camera = new Camera($("video"), show, `/frames?${OF}`);
+  const opening = new Camera($("video"), show, `/frames?${OF}`);
+  camera = opening;
   window.guide = camera;
+  isUnknown = false;
+  unknown("Looking for the scene.");
   $("live").hidden = false;
   $("start").hidden = true;
   try {
-    await camera.open();
+    await opening.open();
   } catch (error) {
+    if (opening.isClosed) return;
     closeCamera();
     fault(`The camera cannot be used: ${error.message}. Allow it for this page in the browser's settings, or take a photograph with the button below.`);
     return;
   }
-  draw();
+  if (!opening.isClosed) draw();
 }
 
 function closeCamera() {
@@ -141,19 +166,53 @@ function closeCamera() {
 
 // ---- Photographs
 
-function sent({ share, words, fault: text, done }) {
+function sent({ share, words, refused, done }) {
   $("sending").hidden = Boolean(done);
   if (share !== undefined) $("sending-share").value = share;
   if (words) $("sending-words").textContent = words;
-  if (text) fault(text);
+  if (refused) listRefused();
   if (done) list();
+}
+
+function sendAll() {
+  sendWaiting(sent).catch((error) => fault(`The photographs in this phone cannot be sent: ${error.message}`));
+}
+
+function action(text, work) {
+  const made = element("button", text);
+  made.type = "button";
+  made.addEventListener("click", async () => {
+    await work();
+    await listRefused();
+  });
+  return made;
+}
+
+async function listRefused() {
+  const all = await refusedOnes();
+  $("refused").hidden = !all.length;
+  for (const link of $("refused-list").querySelectorAll("a")) URL.revokeObjectURL(link.href);
+  $("refused-list").replaceChildren(...all.map((one) => {
+    const item = element("li", one.refused);
+    const save = element("a", "Save it in the phone", "button");
+    save.href = URL.createObjectURL(new Blob([one.bytes], { type: "image/jpeg" }));
+    save.download = `${one.sha256.slice(0, 8)}.jpg`;
+    const buttons = element("div", "", "buttons");
+    buttons.append(
+      save,
+      action("Send it again", () => sendAgain(one).then(sendAll)),
+      action("Throw it away", () => forget(one.sha256)),
+    );
+    item.append(buttons);
+    return item;
+  }));
 }
 
 async function send(blob) {
   $("sending").hidden = false;
   const location = $("remove-location").checked ? "remove" : "keep";
   await keep(blob, { location, of: document.body.dataset.of });
-  await sendWaiting(sent);
+  sendAll(); // not waited for: the next one can be taken
 }
 
 async function shoot() {
@@ -204,6 +263,7 @@ function cardOf(name) {
 }
 
 function fill(card, still) {
+  if (still.state === "done") blinkOf(card, still.name);
   if (card.dataset.state === `${still.state} ${still.words}`) return;
   card.dataset.state = `${still.state} ${still.words}`;
   const [, date, time] = /^(\d{8})-(\d{6})/.exec(still.name) ?? [];
@@ -215,15 +275,22 @@ function fill(card, still) {
   card.querySelector(".pose").textContent = still.pose?.words ?? "";
   card.querySelector(".words").textContent = still.words;
   card.querySelector(".better").replaceChildren(...still.better.map((text) => element("li", text)));
+}
+
+// The changes of a still, which are asked for once.
+async function blinkOf(card, name) {
   const blink = card.querySelector(".blink");
-  if (still.state === "done" && blink.hidden) {
-    blink.hidden = false;
-    blink.querySelector(".after").src = `/stills/${still.name}/after.jpg?${OF}`;
-    blink.querySelector(".before").src = `/stills/${still.name}/before.jpg?${OF}`;
-    const after = blink.querySelector(".after");
-    after.addEventListener("load", () => ring(blink.querySelector(".marks"), still.changes, after.naturalWidth / after.naturalHeight), { once: true });
-    listChanges(blink, still.changes);
-  }
+  if (!blink.hidden || card.isAsked) return;
+  card.isAsked = true;
+  const still = await answered(`/stills/${name}?${OF}`);
+  card.isAsked = false;
+  if (!still) return; // asked for again with the next list
+  blink.hidden = false;
+  const after = blink.querySelector(".after");
+  after.addEventListener("load", () => ring(blink.querySelector(".marks"), still.changes, after.naturalWidth / after.naturalHeight), { once: true });
+  after.src = `/stills/${name}/after.jpg?${OF}`;
+  blink.querySelector(".before").src = `/stills/${name}/before.jpg?${OF}`;
+  listChanges(blink, still.changes);
 }
 
 const FIRST = 5;
@@ -261,10 +328,24 @@ function ring(marks, changes, aspect) {
   }));
 }
 
+// What a path answers; null where it does not.
+async function answered(path) {
+  try {
+    const answer = await fetch(path, { signal: AbortSignal.timeout(LIST_MS) });
+    return answer.ok ? await answer.json() : null;
+  } catch {
+    return null;
+  }
+}
+
+let isListing = false;
+
 async function list() {
-  const answer = await fetch(`/stills?${OF}`).catch(() => null);
-  if (!answer?.ok) return;
-  const stills = await answer.json();
+  if (isListing || document.hidden) return;
+  isListing = true;
+  const stills = await answered(`/stills?${OF}`);
+  isListing = false;
+  if (!stills) return;
   $("no-stills").hidden = stills.length > 0;
   for (const still of stills) fill(cardOf(still.name), still);
   const wanted = stills.map((still) => cards.get(still.name));
@@ -287,7 +368,8 @@ $("photograph").addEventListener("change", async ({ target: input }) => {
 });
 setInterval(list, POLL_MS);
 setInterval(told, 1000);
-document.addEventListener("visibilitychange", () => { if (!document.hidden) sendWaiting(sent); });
-window.addEventListener("online", () => sendWaiting(sent));
+document.addEventListener("visibilitychange", () => { if (!document.hidden) sendAll(); });
+window.addEventListener("online", sendAll);
 list();
-sendWaiting(sent);
+listRefused();
+sendAll();

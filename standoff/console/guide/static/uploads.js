@@ -1,6 +1,7 @@
 // Photographs on their way: each is kept in the phone until the computer has it whole and verified.
 
 const PART_BYTES = 256 * 1024;
+const ANSWER_MS = 30000;
 const RETRY_MS = [500, 1000, 2000, 4000];
 
 const opened = new Promise((resolve, reject) => {
@@ -24,14 +25,17 @@ const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 class Refused extends Error {}
 class NotHere extends Error {}
+class NotYet extends Error {}
 
 async function asked(path, options) {
-  const answer = await fetch(path, options);
+  // Without a limit a request whose packets vanish would wait for ever.
+  const answer = await fetch(path, { ...options, signal: AbortSignal.timeout(ANSWER_MS) });
   const document = await answer.json().catch(() => ({}));
   if (answer.ok) return document;
+  if (answer.status === 401) throw new NotYet("this phone is not paired any more: scan the code again");
   if (answer.status === 404) throw new NotHere(document.text);
   if (answer.status === 413 || answer.status === 422) throw new Refused(document.text);
-  throw new Error(document.text || `the computer answers ${answer.status}`);
+  throw new NotYet(document.text || `the computer answers ${answer.status}`);
 }
 
 async function send(waiting, progress) {
@@ -46,37 +50,66 @@ async function send(waiting, progress) {
 }
 
 let running = null;
+let wanted = false;
 
 // Send all that waits, one after another; a lost link is tried again until it is back.
 export function sendWaiting(tell) {
+  wanted = true;
   running ??= (async () => {
-    const left = new Set(); // photographs of a reference that is not served now
-    for (;;) {
-      const all = await stored("readonly", (store) => store.getAll());
-      const waiting = all.find(({ sha256 }) => !left.has(sha256));
-      if (!waiting) break;
-      for (let attempt = 0; ; attempt += 1) {
-        try {
-          await send(waiting, (share) => tell({ share, words: "Sending the photograph." }));
-          break;
-        } catch (error) {
-          if (error instanceof NotHere) {
-            left.add(waiting.sha256);
-            break;
-          }
-          if (error instanceof Refused) {
-            tell({ fault: `The photograph was refused: ${error.message}` });
-            break;
-          }
-          tell({ words: `The link is lost (${error.message}). The photograph is kept here, and sent as soon as the link is back.` });
-          await pause(RETRY_MS[Math.min(attempt, RETRY_MS.length - 1)]);
-        }
+    try {
+      while (wanted) {
+        wanted = false; // what is kept meanwhile asks again
+        await sendAll(tell);
       }
-      if (!left.has(waiting.sha256)) await stored("readwrite", (store) => store.delete(waiting.sha256));
+    } finally {
+      running = null;
     }
-    tell({ done: true });
-  })().finally(() => { running = null; });
+  })();
   return running;
+}
+
+async function sendAll(tell) {
+  const left = new Set(); // photographs of a reference that is not served now
+  for (;;) {
+    const all = await stored("readonly", (store) => store.getAll());
+    const waiting = all.find(({ sha256, refused }) => !refused && !left.has(sha256));
+    if (!waiting) break;
+    for (let attempt = 0; ; attempt += 1) {
+      try {
+        await send(waiting, (share) => tell({ share, words: "Sending the photograph." }));
+        await forget(waiting.sha256);
+        break;
+      } catch (error) {
+        if (error instanceof NotHere) {
+          left.add(waiting.sha256);
+          break;
+        }
+        if (error instanceof Refused) {
+          // It may exist nowhere else: only whoever took it throws it away.
+          await stored("readwrite", (store) => store.put({ ...waiting, refused: error.message }));
+          tell({ refused: true });
+          break;
+        }
+        const what = error instanceof NotYet ? "It cannot be sent yet" : "The link is lost";
+        tell({ words: `${what} (${error.message}). The photograph is kept here, and sent as soon as that is possible.` });
+        await pause(RETRY_MS[Math.min(attempt, RETRY_MS.length - 1)]);
+      }
+    }
+  }
+  tell({ done: true });
+}
+
+// Photographs that the computer refused, with its reason as `refused`.
+export async function refusedOnes() {
+  return (await stored("readonly", (store) => store.getAll())).filter(({ refused }) => refused);
+}
+
+export function forget(sha256) {
+  return stored("readwrite", (store) => store.delete(sha256));
+}
+
+export function sendAgain({ refused, ...waiting }) {
+  return stored("readwrite", (store) => store.put(waiting));
 }
 
 // Keep a photograph (a Blob) in the phone, to be sent: of which reference, with its location or not.

@@ -1,6 +1,7 @@
 """Who may see or send a picture, and how it is sent."""
 
 import hashlib
+import json
 import socket
 import ssl
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from starlette.testclient import TestClient
 
 from benchmarks.truth.hand_held import HeldPose
 from standoff.console.guide import (
+    Certificate,
     ComparisonInputs,
     GuidedReference,
     GuideReference,
@@ -22,7 +24,8 @@ from standoff.console.guide import (
     made_certificate,
 )
 from standoff.console.guide._live import MOST_FRAME_BYTES
-from standoff.console.guide._uploads import PART_BYTES
+from standoff.console.guide._stills import StillRecord
+from standoff.console.guide._uploads import MOST_WAITING, PART_BYTES
 from tests.standoff.console.guide.scenes import Stills, save, wall
 from tests.standoff.console.guide.serving import TOKEN, served_guide, trusting
 
@@ -34,7 +37,7 @@ ASKED = [
     ("GET", "/"), ("GET", "/reference.jpg"), ("GET", "/stills"), ("POST", "/frames"),
     ("POST", "/find"),
     ("POST", f"/stills?sha256={'0' * 64}&bytes=1"), ("PUT", f"/stills/{'0' * 64}?offset=0&bytes=1"),
-    ("GET", "/stills/any/after.jpg"), ("GET", "/static/guide.js"),
+    ("GET", "/stills/any"), ("GET", "/stills/any/after.jpg"), ("GET", "/static/guide.js"),
 ]  # fmt: skip
 
 
@@ -74,6 +77,9 @@ def test_pairing_is_told_in_the_terminal_and_the_cookie_is_for_tls_alone(guide: 
     assert guide.told == ["paired with the phone at 192.0.2.7"]
     (cookie,) = guide.phone.cookies.jar
     assert cookie.secure
+    login = guide.phone.get("/login", params={"token": TOKEN}, follow_redirects=False)
+    said = {part.strip().lower() for part in login.headers["Set-Cookie"].split(";")}
+    assert {"httponly", "secure", "samesite=strict"} <= said
     assert guide.phone.get("/").status_code == 200
 
 
@@ -118,8 +124,16 @@ def test_what_is_too_large_is_refused(guide: Guide, method: str, path: str, size
 def test_a_frame_is_judged_and_what_is_none_is_refused_in_words(
     guide: Guide, stills: Stills
 ) -> None:
-    found = guide.phone.post("/frames", headers=OWN, content=stills.reference.read_bytes())
-    assert found.json()["verdict"] == "go"
+    data = stills.reference.read_bytes()
+    times_ms = ("1000.0", "1200.5")
+    found = [
+        guide.phone.post(f"/frames?at={at}", headers=OWN, content=data).json() for at in times_ms
+    ]
+    assert [one["verdict"] for one in found] == ["unsure", "go"]
+    assert found[0]["faults"] == ["hold still"]
+    assert found[0]["spoken"] == "hold still"
+    for at in ("x", "-1", "nan", "1e5", "9" * 13):
+        assert guide.phone.post(f"/frames?at={at}", headers=OWN, content=data).status_code == 422
     refused = guide.phone.post("/frames", headers=OWN, content=b"no frame")
     assert refused.status_code == 422
     assert "JPEG" in refused.json()["text"]
@@ -147,6 +161,53 @@ def test_a_still_is_sent_in_parts_and_goes_on_where_it_was(guide: Guide, stills:
     (record,) = guide.phone.get("/stills").json()
     assert record["sha256"] == sha256
     assert record["state"] == "waiting"
+
+
+def send(guide: Guide, data: bytes, sha256: str) -> tuple[int, str]:
+    """Status and text of the first answer that is none to go on by, or of the last."""
+    facts: dict[str, str | int] = {"sha256": sha256, "bytes": len(data)}
+    answer = guide.phone.post("/stills", headers=OWN, params=facts)
+    if answer.status_code == 200:
+        facts["offset"] = 0
+        answer = guide.phone.put(f"/stills/{sha256}", headers=OWN, params=facts, content=data)
+    return answer.status_code, answer.text
+
+
+def test_what_may_be_taken_later_is_no_refusal(guide: Guide, stills: Stills) -> None:
+    data = stills.again.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    facts: dict[str, str | int] = {"bytes": len(data), "offset": 0}
+    unannounced = guide.phone.put(f"/stills/{sha256}", headers=OWN, params=facts, content=data)
+    damaged = send(guide, b"x" + data[1:], sha256)
+    for number in range(MOST_WAITING):
+        guide.store.uploads.begin(f"{number:064x}", 1)
+    crowded = send(guide, data, sha256)
+    answers = (unannounced.status_code, unannounced.text), damaged, crowded
+    assert [status for status, _ in answers] == [409] * 3
+    for (_, text), words in zip(answers, ("not announced", "send it again", "wait"), strict=True):
+        assert words in text
+
+
+def test_what_is_no_photograph_is_refused_before_it_is_said_to_be_stored(guide: Guide) -> None:
+    data = b"no photograph"
+    status, text = send(guide, data, hashlib.sha256(data).hexdigest())
+    assert status == 422
+    assert "not a JPEG file" in text
+    assert guide.store.records() == []
+
+
+def test_a_still_whose_last_answer_was_lost_is_taken_when_it_is_announced_again(
+    guide: Guide, stills: Stills
+) -> None:
+    data = stills.again.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    guide.store.uploads.begin(sha256, len(data))
+    guide.store.uploads.add(sha256, 0, data, len(data))
+    facts: dict[str, str | int] = {"sha256": sha256, "bytes": len(data)}
+    for _ in range(2):
+        answer = guide.phone.post("/stills", headers=OWN, params=facts).json()
+        assert answer == {"received": len(data), "is_stored": True}
+    assert len(guide.store.records()) == 1
 
 
 @pytest.mark.parametrize("facts", ["", "bytes=x", "bytes=1", "sha256=../x&bytes=1", "bytes=-1"])
@@ -215,9 +276,26 @@ def test_a_still_goes_to_the_reference_it_was_taken_for(
     assert [path.name for path in (tmp_path / "guided").iterdir()] == ["wall-13"]
 
 
-@pytest.mark.parametrize("path", ["/stills/%2e%2e/after.jpg", "/stills/x/guide.json"])
-def test_only_pictures_of_stills_are_served(guide: Guide, path: str) -> None:
-    assert guide.phone.get(path).status_code == 404
+@pytest.mark.parametrize(
+    "path",
+    ["/stills/%2e%2e/after.jpg", "/stills/x/guide.json", "/stills/one/guide.json",
+     "/stills/one/%2e%2e%2fresults%2fafter.jpg", "/stills/other/after.jpg"],
+)  # fmt: skip
+def test_only_pictures_of_stills_are_served(stills: Stills, tmp_path: Path, path: str) -> None:
+    record = StillRecord(name="one", reference="reference.jpg", sha256="0" * 64, state="done")
+    for name in ("one", "other"):  # the other one is no still of the guide
+        results = tmp_path / name / "results"
+        results.mkdir(parents=True)
+        (results / "after.jpg").write_bytes(b"a picture")
+    (tmp_path / "one" / "results" / "guide.json").write_text(json.dumps(record.to_json()))
+    made = Guide(stills, tmp_path)
+    with made.phone:
+        assert made.phone.get("/stills/one/after.jpg").content == b"a picture"
+        # Changes are many, and the list is asked for every second.
+        (listed,) = made.phone.get("/stills").json()
+        assert made.phone.get("/stills/one").json() == listed | {"changes": []}
+        assert made.phone.get("/stills/other").status_code == 404
+        assert made.phone.get(path).status_code == 404
 
 
 def test_the_certificate_served_is_the_one_whose_fingerprint_is_shown(
@@ -241,9 +319,46 @@ def test_the_certificate_served_is_the_one_whose_fingerprint_is_shown(
                 assert not plain.recv(100).startswith(b"HTTP")
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "bench.test"])
+def test_a_connection_without_a_word_is_ended_though_it_never_shook_hands(
+    stills: Stills, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("standoff.console.server.HEADERS_S", 0.5)
+    with served_guide(stills.reference, tmp_path) as guide:
+        port = int(guide.url.rsplit(":", 1)[1].strip("/"))
+        with socket.create_connection(("127.0.0.1", port)) as silent:
+            silent.settimeout(30)  # asyncio's own limit is a minute
+            with suppress(ConnectionError):
+                assert silent.recv(100) == b""
+
+
+def handshake(served: Certificate, trusted: ssl.SSLContext, host: str) -> bytes:
+    """Shake hands in memory, and return the certificate that was shown."""
+    to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
+    server = served.context.wrap_bio(to_server, to_client, server_side=True)
+    client = trusted.wrap_bio(to_client, to_server, server_hostname=host)
+    for _ in range(4):
+        for side in (client, server):
+            with suppress(ssl.SSLWantReadError):
+                side.do_handshake()
+    shown = client.getpeercert(binary_form=True)
+    assert shown is not None
+    return shown
+
+
+HOSTS = ["127.0.0.1", "::1", "bench.test", "b\u00fccher.test"]
+
+
+@pytest.mark.parametrize("host", HOSTS)
 def test_a_certificate_is_for_the_host_alone_and_made_anew(host: str) -> None:
     one, other = made_certificate(host), made_certificate(host)
     assert one.fingerprint != other.fingerprint
     assert len(one.fingerprint) == 95
     assert one.context.minimum_version >= ssl.TLSVersion.TLSv1_2
+    shown = handshake(one, trusting(), host)
+    trusted = ssl.create_default_context(cadata=shown)
+    assert handshake(one, trusted, host) == shown
+    for wrong in {*HOSTS} - {host}:
+        with pytest.raises(ssl.SSLCertVerificationError, match=r"mismatch|doesn't match"):
+            handshake(one, trusted, wrong)
+    with pytest.raises(ssl.SSLCertVerificationError):
+        handshake(other, trusted, host)

@@ -33,6 +33,35 @@ def test_a_pose_that_allows_too_little_is_no_go_though_the_camera_is_back(stills
     assert "d′ 1.50 of at least 2" in found.words
 
 
+def test_a_fault_is_told_beside_the_arrows_and_spoken_once_the_camera_stands_right(
+    stills: Stills,
+) -> None:
+    reference = GuideReference.read(stills.reference)
+    judge = Judge(reference)
+    width = reference.small_size[0]
+    for share, spoken in ((0.2, "left 20 % of the picture"), (0.012, "more light")):
+        aside = np.array([[1.0, 0, share * width], [0, 1, 0], [0, 0, 1]])
+        shifted = np.roll(reference.levels, -round(share * width), axis=1)
+        found = judge.judged(shifted, aside, level=0.05)
+        assert found.arrows
+        assert found.faults == ("more light",)
+        assert found.spoken == spoken
+    # The null: in good light nothing but the arrow is told.
+    found = judge.judged(shifted, aside)
+    assert found.faults == ()
+    assert found.verdict == "go"
+
+
+def test_nothing_is_said_of_what_is_lost_where_the_references_own_pose_has_none(
+    stills: Stills,
+) -> None:
+    reference = GuideReference.read(stills.reference)
+    found = Judge(reference, curve([0.0, 0.0, 0.0]), 1.0).judged(reference.levels, np.eye(3))
+    assert found.quality is not None
+    assert dprime_lost(found.quality) is None
+    assert "lost" not in found.words
+
+
 def test_what_is_lost_is_told_against_the_references_own_pose(stills: Stills) -> None:
     reference = GuideReference.read(stills.reference)
     judge = Judge(reference, curve([4.0, 3.0, 2.0]), 1.0)

@@ -53,6 +53,37 @@ def test_the_place_goes_and_all_else_stays(is_progressive: bool) -> None:
     assert after.info["icc_profile"] == before.info["icc_profile"]
 
 
+def test_texts_that_may_name_the_place_go_and_the_way_up_stays() -> None:
+    exif = Image.Exif()
+    exif[0x010E] = "seen at " + PLACE.decode()
+    exif[0x9C9C] = PLACE.decode().encode("utf-16-le")
+    exif[0x0112] = 6
+    within = exif.get_ifd(EXIF_IFD)
+    within[0x9286] = b"ASCII\0\0\0" + PLACE
+    within[0x927C] = b"Maker\0" + PLACE
+    within[EXPOSURE] = 0.01
+    made = io.BytesIO()
+    Image.new("L", (64, 48)).save(made, "JPEG", exif=exif)
+    data = made.getvalue()
+    wide = PLACE.decode().encode("utf-16-le")
+    assert (data.count(PLACE), data.count(wide)) == (3, 1)
+    found = without_location(data)
+    assert (found.count(PLACE), found.count(wide)) == (0, 0)
+    after = decoded(found).getexif()
+    assert after[0x0112] == 6
+    assert float(after.get_ifd(EXIF_IFD)[EXPOSURE]) == pytest.approx(0.01)
+
+
+def test_of_exif_that_cannot_be_read_nothing_stays() -> None:
+    made = io.BytesIO()
+    Image.new("L", (64, 48)).save(made, "JPEG")
+    body = b"Exif\0\0no tags at all " + PLACE
+    segment = b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body
+    found = without_location(made.getvalue()[:2] + segment + made.getvalue()[2:])
+    assert PLACE not in found
+    assert decoded(found).size == (64, 48)
+
+
 def test_it_is_done_once_and_for_all() -> None:
     once = without_location(photograph())
     np.testing.assert_array_equal(
@@ -75,6 +106,14 @@ def test_a_damaged_file_is_refused_or_read_and_never_crashes(at: int, damage: by
 def test_what_is_no_whole_jpeg_file_is_refused(data: bytes) -> None:
     with pytest.raises(JpegError):
         without_location(data)
+
+
+@pytest.mark.parametrize("marker", [0x00, 0x01, *range(0xD0, 0xDA)])
+def test_a_marker_without_a_length_does_not_hide_the_size(marker: int) -> None:
+    data = b"\xff\xd8\xff" + bytes([marker]) + photograph()[2:]
+    for read in (jpeg_size, without_location):
+        with pytest.raises(JpegError, match="headers"):
+            read(data)
 
 
 @pytest.mark.parametrize("is_progressive", [False, True])

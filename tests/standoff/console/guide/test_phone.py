@@ -85,7 +85,8 @@ def test_the_camera_guides_to_a_still_whose_changes_are_blinked(
         assert_fits(page)
         page.click("#use-camera")
         page.wait_for_selector("#verdict.no >> text=further away")
-        assert 1 <= page.locator("#arrows li").count() <= 2
+        page.wait_for_selector("#verdict.no:has-text('further away') ~ #arrows li")
+        assert page.locator("#arrows li").count() <= 2
         assert_fits(page)
         page.wait_for_selector("#verdict.go")
         assert violations(page) == []
@@ -113,7 +114,7 @@ def test_the_camera_guides_to_a_still_whose_changes_are_blinked(
 def not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is tested is how a still arrives."""
     monkeypatch.setattr(
-        "standoff.console.guide._stills.StillStore._finish", lambda _store, record: record
+        "standoff.console.guide._stills.StillStore._compared", lambda _store, _, record: record
     )
 
 
@@ -140,6 +141,107 @@ def test_a_link_that_is_lost_loses_nothing(
     assert kept.read_bytes() == stills.again.read_bytes()
 
 
+WAITING = """() => new Promise((resolve) => {
+    const asked = indexedDB.open("standoff-guide", 1);
+    asked.onsuccess = () => {
+        const store = asked.result.transaction("waiting").objectStore("waiting");
+        store.count().onsuccess = (event) => resolve(event.target.result);
+    };
+})"""
+
+
+UNANSWERED = """() => {
+    window.before = window.fetch;
+    window.fetch = (path, { signal }) => new Promise((resolve, reject) => {
+        signal.addEventListener("abort", () => reject(signal.reason));
+    });
+}"""
+"""As where packets vanish, until the page itself gives up."""
+
+
+def test_green_goes_as_soon_as_nothing_is_known_any_more(
+    browser: Browser, guide: ServedGuide
+) -> None:
+    with opened(browser, guide) as page:
+        page.click("#use-camera")
+        page.wait_for_selector("#verdict.go")
+        page.evaluate(UNANSWERED)
+        page.wait_for_selector("#verdict.no >> text=Waiting for the computer")
+        assert page.inner_text("#verdict-word") == "…"
+        assert page.locator("#arrows li").count() == 0
+        page.wait_for_selector("#fault >> text=The link to the computer is lost")
+        page.evaluate("() => { window.fetch = window.before; }")
+        page.wait_for_selector("#verdict.go")
+        page.context.clear_cookies()  # as after the guide was started again
+        page.wait_for_selector("#fault >> text=scan the code again")
+        page.wait_for_selector("#verdict.no")
+        page.click("#end-camera")
+        page.click("#use-camera")
+        assert page.inner_text("#verdict-word") == "…"
+
+
+def test_a_photograph_that_is_refused_stays_in_the_phone_until_it_is_thrown_away(
+    browser: Browser, guide: ServedGuide, stills: Stills
+) -> None:
+    with opened(browser, guide) as page:
+        refusal = {"status": 422, "json": {"text": "it is too good"}}
+        page.route("**/stills?sha256**", lambda route: route.fulfill(**refusal))
+        page.set_input_files("#photograph", stills.again)
+        page.wait_for_selector("#refused-list >> text=it is too good")
+        page.goto(guide.url)
+        page.wait_for_selector("#refused-list >> text=it is too good")
+        assert page.evaluate(WAITING) == 1
+        assert violations(page) == []
+        assert_fits(page)
+        page.click("text=Throw it away")
+        page.wait_for_selector("#refused", state="hidden")
+        assert page.evaluate(WAITING) == 0
+
+
+@pytest.mark.usefixtures("not_compared")
+def test_a_photograph_for_which_there_is_no_room_yet_is_sent_again_by_itself(
+    browser: Browser, guide: ServedGuide, stills: Stills
+) -> None:
+    with opened(browser, guide) as page:
+        wait = {"status": 409, "json": {"text": "wait until one is compared"}}
+        page.route("**/stills?sha256**", lambda route: route.fulfill(**wait))
+        page.set_input_files("#photograph", stills.again)
+        page.wait_for_selector("#sending-words >> text=wait until one is compared")
+        assert page.evaluate(WAITING) == 1
+        page.unroute("**/stills?sha256**")
+        page.wait_for_selector(".still .tag.go")
+
+
+SHARPER = """async () => {
+    const { measured } = await import("/static/camera.js");
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [300, 200];
+    const drawing = canvas.getContext("2d");
+    const found = {};
+    for (const [name, along, across] of [["plain", 0, 0], ["upright", 8, 0], ["level", 0, 8]]) {
+        drawing.fillStyle = "white";
+        drawing.fillRect(0, 0, 300, 200);
+        drawing.fillStyle = "black";
+        if (along) for (let x = 0; x < 300; x += 2 * along) drawing.fillRect(x, 0, along, 200);
+        if (across) for (let y = 0; y < 200; y += 2 * across) drawing.fillRect(0, y, 300, across);
+        const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
+        found[name] = await measured(blob);
+    }
+    return found;
+}"""
+
+
+def test_the_sharpest_of_a_burst_is_found_along_and_across(
+    browser: Browser, guide: ServedGuide
+) -> None:
+    with opened(browser, guide) as page:
+        found = page.evaluate(SHARPER)
+    assert found["plain"] == {"pixels": 60_000, "sharpness": 0}
+    # An edge every 8 px, of 255 levels.
+    for name in ("upright", "level"):
+        assert found[name]["sharpness"] == pytest.approx(255**2 / 8, rel=0.05)
+
+
 @pytest.mark.usefixtures("not_compared")
 def test_a_phone_that_sleeps_sends_when_the_page_is_opened_again(
     browser: Browser, guide: ServedGuide, stills: Stills
@@ -153,14 +255,7 @@ def test_a_phone_that_sleeps_sends_when_the_page_is_opened_again(
         page.goto("about:blank")
         page.goto(guide.url)
         page.wait_for_selector(".still .tag.go")
-        waiting = """() => new Promise((resolve) => {
-            const asked = indexedDB.open("standoff-guide", 1);
-            asked.onsuccess = () => {
-                const store = asked.result.transaction("waiting").objectStore("waiting");
-                store.count().onsuccess = (event) => resolve(event.target.result);
-            };
-        })"""
-        wait_until(lambda: page.evaluate(waiting) == 0, "nothing waits in the phone any more")
+        wait_until(lambda: page.evaluate(WAITING) == 0, "nothing waits in the phone any more")
     assert len(guide.store.records()) == 1
 
 

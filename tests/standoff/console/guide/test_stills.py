@@ -4,17 +4,20 @@ import hashlib
 import io
 import json
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
 import standoff
+from acquisition.errors import ImageFileError, SessionError
 from analysis.errors import AnalysisError
 from standoff.console.guide import ComparisonInputs, GuideReference, Judge, StillStore
 from standoff.console.guide._reference import UprightView, upright
 from standoff.console.guide._stills import StillRecord
 from tests.standoff.console.guide.scenes import SIZE, Stills
+from tests.standoff.console.hub_fixtures import wait_for
 
 pytestmark = pytest.mark.slow
 
@@ -102,13 +105,121 @@ def test_a_comparison_that_an_earlier_run_did_not_finish_is_made(
     monkeypatch.setattr(store, "_finish", lambda record: record)  # killed meanwhile
     record = processed(store, stills.again.read_bytes())
     assert record.state == "comparing"
-    again = StillStore(store.folder, store._judge, ComparisonInputs())
-    again.start()
-    again.close()
-    again._thread.join()
-    (found,) = again.records()
+    (found,) = worked(restarted(store))
     assert found.state == "failed"
     assert "not compared here" in found.words
+
+
+def restarted(store: StillStore) -> StillStore:
+    return StillStore(store.folder, store._judge, ComparisonInputs())
+
+
+def worked(store: StillStore) -> list[StillRecord]:
+    """What is known once nothing waits any more."""
+    store.start()
+    wait_for(lambda: all(one.state in ("done", "failed") for one in store.records()), "the stills")
+    store.close()
+    store._thread.join()
+    return store.records()
+
+
+@pytest.mark.usefixtures("not_compared")
+def test_a_still_that_cannot_be_stored_is_kept_for_the_next_run(
+    store: StillStore, stills: Stills, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def is_full(*_: object, **__: object) -> None:
+        raise SessionError("no space left on the disk")
+
+    path = arrived(store, stills.again.read_bytes())
+    with monkeypatch.context() as patched:
+        patched.setattr("standoff.console.guide._stills.import_photographs", is_full)
+        store.take(path, is_location_removed=False)
+        (record,) = worked(store)
+    assert record.state == "failed"
+    assert "no space left" in record.words
+    assert "next run" in record.words
+    assert store.uploads.whole() == [path]
+    assert store.record_of(path.name) == record  # it need not be sent again
+    again = restarted(store)
+    (record,) = worked(again)
+    assert record.pose is not None
+    assert again.uploads.whole() == []
+    assert (store.folder / record.name / "results" / "photograph.jpg").is_file()
+
+
+@pytest.mark.usefixtures("not_compared")
+def test_a_still_that_ends_in_an_unexpected_error_does_not_end_the_others(
+    store: StillStore, stills: Stills, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = arrived(store, stills.other.read_bytes())
+    second = arrived(store, stills.again.read_bytes())
+    real = StillStore._store
+
+    def stored(self: StillStore, path: Path, *rest: object, **named: object) -> None:
+        if path == first:
+            raise MemoryError("too large")
+        real(self, path, *rest, **named)  # type: ignore[arg-type]  # as it was called
+
+    monkeypatch.setattr(StillStore, "_store", stored)
+    for path in (first, second):
+        store.take(path, is_location_removed=False)
+    found = {record.sha256: record for record in worked(store)}
+    assert found[first.name].state == "failed"
+    assert "MemoryError: too large" in found[first.name].words
+    assert found[second.name].pose is not None
+    assert store.uploads.whole() == [first]
+
+
+@pytest.mark.usefixtures("not_compared")
+def test_a_still_is_taken_once_however_often_it_is_reported_whole(
+    store: StillStore, stills: Stills, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = arrived(store, stills.again.read_bytes())
+    taken = [store.take(path, is_location_removed=False) for _ in range(3)]
+    assert taken[0] == taken[1] == taken[2]
+    assert store._queue.qsize() == 1
+    # After a restart it is known before the worker has come to it.
+    again = restarted(store)
+    monkeypatch.setattr(again, "_run", lambda: None)
+    again._thread = Thread(target=again._run)
+    again.start()
+    assert again.record_of(path.name) is not None
+    again.take(path, is_location_removed=False)
+    assert again._queue.qsize() == 1
+
+
+def test_a_still_that_is_none_is_refused_before_the_phone_is_told_that_it_is_stored(
+    store: StillStore,
+) -> None:
+    path = arrived(store, bomb())
+    with pytest.raises(ImageFileError, match="lower resolution"):
+        store.take(path, is_location_removed=False)
+    assert store.records() == []
+    assert store.uploads.whole() == []
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"reference": None},
+        {"state": "lost"},
+        {"pose": {"words": "no verdict"}},
+        {"changes": [{"x": 0.5}]},
+        {"changes": [1]},
+        {"better": [1]},
+        {"better": ["x" * 2**20]},
+        {"sha256": ...},
+    ],
+)
+def test_a_damaged_document_is_passed_over(store: StillStore, damage: dict[str, object]) -> None:
+    good = StillRecord(name="one", reference="reference.jpg", sha256="0" * 64, state="done")
+    document = good.to_json() | damage
+    kept = {name: value for name, value in document.items() if value is not ...}
+    for name, written in (("one", good.to_json()), ("two", kept)):
+        folder = store.folder / name / "results"
+        folder.mkdir(parents=True)
+        (folder / "guide.json").write_text(json.dumps(written))
+    assert [record.name for record in restarted(store).records()] == ["one"]
 
 
 @pytest.mark.usefixtures("not_compared")
@@ -127,6 +238,17 @@ def test_the_location_is_removed_where_that_was_asked_for(
         kept = Image.open(io.BytesIO(path.read_bytes())).getexif()
         assert (0x8825 in kept) is not is_removed
         assert kept[0x010F] == "Maker"
+
+
+@pytest.mark.usefixtures("not_compared")
+def test_a_dark_still_is_said_to_need_light(store: StillStore, stills: Stills) -> None:
+    dark = np.asarray(Image.open(stills.again)) // 12
+    made = io.BytesIO()
+    Image.fromarray(dark).save(made, "JPEG", quality=98)
+    record = processed(store, made.getvalue())
+    assert record.pose is not None
+    assert record.pose["verdict"] != "go"
+    assert "more light" in record.pose["remedy"]
 
 
 def bomb() -> bytes:

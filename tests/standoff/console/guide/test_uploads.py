@@ -4,14 +4,17 @@ import hashlib
 import os
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from standoff.console.guide._uploads import (
+    LEAST_FREE_BYTES,
     MOST_BYTES,
     MOST_WAITING,
     STALE_S,
+    TryAgainError,
     UploadError,
     Uploads,
 )
@@ -32,6 +35,16 @@ def test_parts_in_order_become_the_photograph(uploads: Uploads) -> None:
     assert found.path is not None
     assert found.path.read_bytes() == DATA
     assert uploads.whole() == [found.path]
+
+
+def test_one_that_is_whole_is_not_asked_for_again(uploads: Uploads) -> None:
+    uploads.begin(SHA, len(DATA))
+    whole = uploads.add(SHA, 0, DATA, len(DATA))
+    # The answer was lost: the phone asks again, or repeats the last part.
+    assert uploads.begin(SHA, len(DATA)) == whole
+    assert uploads.add(SHA, 0, DATA, len(DATA)) == whole
+    assert whole.received == len(DATA)
+    assert len(uploads.whole()) == 1
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
@@ -58,7 +71,7 @@ def test_a_link_that_breaks_and_repeats_changes_nothing(
 
 def test_a_photograph_that_arrives_otherwise_is_thrown_away(uploads: Uploads) -> None:
     uploads.begin(SHA, len(DATA))
-    with pytest.raises(UploadError, match="send it again"):
+    with pytest.raises(TryAgainError, match="send it again"):
         uploads.add(SHA, 0, DATA[:-1] + b"x", len(DATA))
     assert uploads.whole() == []
     assert uploads.begin(SHA, len(DATA)).received == 0
@@ -85,16 +98,27 @@ def test_more_than_was_announced_is_refused(uploads: Uploads) -> None:
 
 
 def test_what_was_not_announced_is_refused(uploads: Uploads) -> None:
-    with pytest.raises(UploadError, match="not announced"):
+    with pytest.raises(TryAgainError, match="not announced"):
         uploads.add(SHA, 0, DATA, len(DATA))
 
 
 def test_only_so_many_are_on_their_way(uploads: Uploads) -> None:
     for number in range(MOST_WAITING):
         uploads.begin(f"{number:064x}", 1)
-    with pytest.raises(UploadError, match="wait until one is compared"):
+    with pytest.raises(TryAgainError, match="wait until one is compared"):
         uploads.begin(SHA, len(DATA))
     assert uploads.begin(f"{3:064x}", 1).received == 0  # one that is known goes on
+
+
+def test_no_photograph_is_begun_on_a_disk_that_is_nearly_full(
+    uploads: Uploads, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uploads.begin(SHA, len(DATA))
+    free = SimpleNamespace(free=LEAST_FREE_BYTES - 1)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: free)
+    with pytest.raises(TryAgainError, match="disk is full"):
+        uploads.begin("0" * 64, 1)
+    assert uploads.begin(SHA, len(DATA)).received == 0  # one that is known goes on
 
 
 def test_a_photograph_that_was_given_up_makes_room(uploads: Uploads, tmp_path: Path) -> None:
