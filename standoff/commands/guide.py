@@ -14,7 +14,6 @@ import typer
 from typer import BadParameter, Option
 
 from acquisition.files import require_folder
-from acquisition.photographs import image_files_in
 from analysis.choices import CurveObserver
 from standoff import library, terminal
 from standoff.errors import ApplicationError
@@ -150,6 +149,7 @@ def _guided(
     min_dprime: float,
 ) -> list[GuidedReference]:
     """Read a reference, or those in a folder, of which each has a folder for its photographs."""
+    from acquisition.photographs import image_files_in
     from standoff.console.guide import GuidedReference, GuideReference, Judge, StillStore
 
     paths = image_files_in(reference) if reference.is_dir() else [reference]

@@ -74,6 +74,7 @@ WRITERS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         tuple(f"d/{name}" for name in VALIDATION_FILES),
     ),
     "paper": (("--out", "d"), tuple(f"d/{name}" for name in VALIDATION_FILES)),
+    "lens": (("a.tif", "--out", "l.html"), ("l.html", "l.csv", "l.json")),
     "report": (("s", "--out", "r.html"), ("r.html",)),
 }
 """Of every command that writes results: a command line, and the files that it would write.
@@ -81,7 +82,7 @@ WRITERS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 It reads no file that exists: a refusal comes before anything is read.
 """
 
-RESUMED = {"capture", "change-pairs", "import", "sr-pairs"}
+RESUMED = {"capture", "change-pairs", "guide", "import", "sr-pairs"}
 """Commands whose --out is a folder that a second run goes on with."""
 
 OPTIONS = {"out", "csv", "report", "nearer", "plot", "picture"}

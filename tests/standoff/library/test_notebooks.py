@@ -30,7 +30,8 @@ DRAWN = {
 }
 LISTED = {
     *("calibrate_geometry", "calibrate_psf", "compare_psfs", "d_prime_curves", "evaluate"),
-    *("find_changes", "find_changes_of_series", "judge_poses", "measure_curves", "measure_noise"),
+    *("find_changes", "find_changes_of_series", "judge_poses", "measure_curves", "measure_lens"),
+    "measure_noise",
     *("plan_study", "preview_plan", "psf_history", "score_benchmark", "validate", "verify_session"),
     "write_noise",
 }
