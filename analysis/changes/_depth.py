@@ -29,6 +29,7 @@ _LEAST_SHARE: Final = 0.005
 """Share of the pixels that differ by so many standard deviations, from which on a plane may not be
 all: of a flat scene without changes it is 6e-7."""
 
+_TRIMMED_SD: Final = 6.0
 _LEAST_ERR_PX: Final = 0.15
 """Registration error from which on it may not be, either: it hides what differs."""
 
@@ -238,14 +239,26 @@ def _leaves_much(compared: Comparison) -> bool:
 
 
 def _explains_more(again: Comparison, compared: Comparison) -> bool:
-    """Whether less is left where both compare."""
+    """Whether less is left where both compare: of the levels, or beyond what is expected.
+
+    Where a plane hides what differs in its registration error, the first tells; in noise, the
+    second.
+    """
     if again.is_on_followup != compared.is_on_followup:
         return True
     both = again.valid & compared.valid
     if not both.any():
         return False
-    left, before = (
-        float(np.mean(np.abs(one.difference_dn[both]), dtype=np.float64))
-        for one in (again, compared)
+    (levels, beyond), (levels_before, beyond_before) = (
+        _left(one, both) for one in (again, compared)
     )
-    return left < before
+    return levels < levels_before or beyond < beyond_before
+
+
+def _left(compared: Comparison, both: BoolArray) -> tuple[float, float]:
+    """Mean difference, and mean square in standard deviations, at most so many a pixel."""
+    difference = np.abs(compared.difference_dn[both])
+    beyond = np.minimum(np.abs(compared.significance[both]), np.float32(_TRIMMED_SD))
+    return float(np.mean(difference, dtype=np.float64)), float(
+        np.mean(np.square(beyond, dtype=np.float64))
+    )

@@ -132,7 +132,8 @@ class SceneParallax(StoredValues):
         Where the reference's camera stood as the follow-up sees it, homogeneous ``(x, y, w)`` of
         length 1: at ``x / w``, ``y / w`` in px.
     features, agreeing
-        Features that match, and those within a pixel of their epipolar lines.
+        Features and places of optical flow that match, and those within a pixel of their epipolar
+        lines.
     hidden_px
         Follow-up pixels within both frames that are hidden in one of the photographs, lie at a
         step, or have no known depth: they were not compared.

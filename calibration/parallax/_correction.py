@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.parallax._matching import AlignedViews
 from calibration.parallax._refinement import SmoothedViews
+from calibration.parallax._views import AlignedViews
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 _SAMPLES = 200_000

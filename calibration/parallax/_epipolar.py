@@ -14,8 +14,10 @@ import cv2
 import numpy as np
 
 from calibration.parallax._correction import Correction, correction_of_features
+from calibration.parallax._flow import matches_of_flow
+from calibration.parallax._views import AlignedViews, matching_factor
 from calibration.registration import DistortedPose, FeatureMatches, ImageFeatures, features_of
-from simulation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from simulation.pose import ideal_points, lens_of
 
 _NEAR_PX = 1.0
@@ -23,6 +25,10 @@ _NEAR_PX = 1.0
 
 _DISPLACED_PX = 1.5
 """Parallax from which a match tells of depth: planes align details to .3 to .9 px."""
+
+_TELLS_MOST_PX = 6.0
+_ENOUGH_DISPLACED = 60
+"""Features off the plane that tell the geometry better than flow does, whose places err alike."""
 
 _LEAST_MATCHES = 20
 _LEAST_SHARE = 0.2
@@ -66,10 +72,21 @@ class EpipolarGeometry:
     parallax_px: FloatArray
     misfit: float
 
+    @property
+    def displaced(self) -> int:
+        """Number of matches that agree and are off the plane."""
+        return int(np.count_nonzero(self.near & (np.abs(self.parallax_px) > _DISPLACED_PX)))
+
     def corrected(self, by: Correction) -> Self:
         """Return the geometry with a better plane and epipole."""
         pose = self.pose.with_(self.pose.matrix @ by.change, self.pose.k1)
         return replace(self, pose=pose, epipole=by.epipole)
+
+    def aligned(self, target: Float32Array, source: Float32Array) -> AlignedViews:
+        """Both on the target's pixels, by the plane, with their epipolar lines."""
+        rows, cols = target.shape
+        y, x = np.meshgrid(np.arange(float(rows)), np.arange(float(cols)), indexing="ij")
+        return AlignedViews.of(target, source, self.pose).along(*self.directions(x, y))
 
     def directions(self, x_px: FloatArray, y_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unit vectors ``(x, y)`` towards the epipole at seen pixels of the target; 0 at it."""
@@ -121,25 +138,41 @@ def _in_plane(pose: DistortedPose, matches: FeatureMatches) -> tuple[FloatArray,
 def find_geometry(
     source: AnyArray, target: AnyArray, pose: DistortedPose
 ) -> EpipolarGeometry | None:
-    """Epipolar geometry by features; None where they do not tell of depth.
+    """Epipolar geometry by features, and by optical flow; None where they do not tell of depth.
 
     ``source, target``: grey, shape ``(rows, cols)``. ``pose``: of the target in the source.
     """
+    source, target = (np.asarray(image, dtype=np.float32) for image in (source, target))
+    own, other = features_of(target), features_of(source)
+    none = FeatureMatches(np.zeros((0, 2)), np.zeros((0, 2)))
+    by_features = _guided(own, other, pose, none)
+    if by_features is not None and by_features.displaced >= _ENOUGH_DISPLACED:
+        return by_features
+    plane = pose.with_(pose.matrix, pose.k1)
+    factor = matching_factor(target.size)
+    views = AlignedViews.of(target, source, plane).in_own_light().reduced(factor)
+    return _guided(own, other, pose, matches_of_flow(views, factor, plane)) or by_features
+
+
+def _guided(
+    own: ImageFeatures, other: ImageFeatures, pose: DistortedPose, more: FeatureMatches
+) -> EpipolarGeometry | None:
+    """The geometry of features and more matches; along its lines features have fewer rivals."""
     expected = pose.nearest_homography()
-    for is_closer_look in (False, True):
-        own, other = (
-            features_of(np.asarray(image, dtype=np.float32), is_closer_look=is_closer_look)
-            for image in (target, source)
-        )
-        geometry = epipolar_geometry(_matches(own, other, expected), pose)
-        if geometry is None:
-            continue
-        # Along the lines a feature has fewer rivals.
-        guided = epipolar_geometry(_matches(own, other, expected, geometry), pose)
-        if guided is None or np.count_nonzero(guided.near) < np.count_nonzero(geometry.near):
-            return geometry
-        return guided
-    return None
+    geometry = epipolar_geometry(_joined(_matches(own, other, expected), more), pose)
+    if geometry is None:
+        return None
+    guided = epipolar_geometry(_joined(_matches(own, other, expected, geometry), more), pose)
+    if guided is None or np.count_nonzero(guided.near) < np.count_nonzero(geometry.near):
+        return geometry
+    return guided
+
+
+def _joined(one: FeatureMatches, more: FeatureMatches) -> FeatureMatches:
+    return FeatureMatches(
+        np.concatenate([one.followup_px, more.followup_px]),
+        np.concatenate([one.reference_px, more.reference_px]),
+    )
 
 
 def _matches(
@@ -194,14 +227,13 @@ def epipolar_geometry(matches: FeatureMatches, pose: DistortedPose) -> EpipolarG
 def _beside_plane(plane: DistortedPose, matches: FeatureMatches) -> EpipolarGeometry | None:
     """The geometry with one lens."""
     own, other = _in_plane(plane, matches)
+    told = _told(own, other)
     found = None
-    count = 0
+    most = 0.0
     for fundamental in _hypotheses(own, other):
         better, near = _locally_best(fundamental, own, other)
-        # What a plane explains says nothing of the geometry.
-        told = int(np.count_nonzero(near & _is_displaced(own, other)))
-        if told > count and near.mean() >= _LEAST_SHARE:
-            found, count = better, told
+        if told[near].sum() > most and near.mean() >= _LEAST_SHARE:
+            found, most = better, told[near].sum()
     if found is None:
         return None
     near = _distances(found, own, other) < _NEAR_PX
@@ -235,8 +267,14 @@ def _beside_lines(
     return away[:, 0] * to_x + away[:, 1] * to_y, away[:, 1] * to_x - away[:, 0] * to_y
 
 
-def _is_displaced(own: FloatArray, other: FloatArray) -> BoolArray:
-    return np.asarray(np.hypot(*(other - own).T) > _DISPLACED_PX)
+def _told(own: FloatArray, other: FloatArray) -> FloatArray:
+    """How much a match that agrees tells of a geometry, shape (n,).
+
+    The farther it is off the plane, the less likely it agrees by chance, and the likelier it is a
+    wrong match. What a plane explains says nothing.
+    """
+    away = np.hypot(*(other - own).T)
+    return np.where(away > _DISPLACED_PX, np.log(np.clip(away, 1.0, _TELLS_MOST_PX)), 0.0)
 
 
 def _hypotheses(own: FloatArray, other: FloatArray) -> list[FloatArray]:
@@ -251,9 +289,10 @@ def _hypotheses(own: FloatArray, other: FloatArray) -> list[FloatArray]:
     )
     if made is not None:
         found.append(made)
-    displaced = np.flatnonzero(_is_displaced(own, other)).astype(np.int64)
-    if len(displaced) >= 2:
-        found.append(_plane_and_two(own, other, displaced))
+    told = _told(own, other)
+    displaced = told > 0
+    if np.count_nonzero(displaced) >= 2:
+        found.append(_plane_and_two(own[displaced], other[displaced], told[displaced]))
     return found
 
 
@@ -264,25 +303,23 @@ def _as_fundamental(made: object) -> FloatArray | None:
     return np.asarray(made, dtype=np.float64)
 
 
-def _plane_and_two(own: FloatArray, other: FloatArray, displaced: IntArray) -> FloatArray:
-    """The geometry of the plane and the epipole through which most displaced matches' lines go."""
+def _plane_and_two(own: FloatArray, other: FloatArray, told: FloatArray) -> FloatArray:
+    """The geometry of the plane and the epipole that displaced matches' lines tell most of."""
     rng = np.random.default_rng(_SEED)
-    a, b = (
-        np.column_stack([points[displaced], np.ones(len(displaced))]) for points in (own, other)
-    )
+    a, b = (np.column_stack([points, np.ones(len(points))]) for points in (own, other))
     lines = np.cross(a, b)
     lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1])[:, None], 1e-12)
-    pairs = rng.integers(0, len(displaced), (_TRIALS, 2))
+    pairs = rng.integers(0, len(own), (_TRIALS, 2))
     epipoles = np.cross(lines[pairs[:, 0]], lines[pairs[:, 1]])
     length = np.linalg.norm(epipoles, axis=1, keepdims=True)
     epipoles = epipoles[length[:, 0] > 1e-9] / length[length[:, 0] > 1e-9]
-    best, most = np.array([1.0, 0.0, 0.0]), -1
+    best, most = np.array([1.0, 0.0, 0.0]), -1.0
     for epipole in epipoles:
         to_x, to_y = _towards(epipole, a[:, :2])
         aside = (b - a)[:, 0] * to_y - (b - a)[:, 1] * to_x
-        count = int(np.count_nonzero(np.abs(aside) < _NEAR_PX))
-        if count > most:
-            best, most = epipole, count
+        heard = float(told[np.abs(aside) < _NEAR_PX].sum())
+        if heard > most:
+            best, most = epipole, heard
     return _cross(best)
 
 

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.parallax._views import AlignedViews
 from simulation.arrays import BoolArray, Float32Array
 from simulation.compiled import compiled, compiled_part
 
@@ -30,50 +31,12 @@ _STEP_COST, _JUMP_COST = 10, 120
 _OUTSIDE_COST = 31
 """Of a place beyond the photograph: as of one that has nothing in common."""
 
-_HELD_OUT_PX, HELD_OUT_PERIOD_PX = 8, 24
+HELD_OUT_PX, _HELD_OUT_PERIOD_PX = 8, 24
 """Side and distance of blocks that are not looked at; nor is what sees them through the census."""
 
 _SMALL_PX = 2e5
-_OFFSETS_PX = ((0, 0), (12, 12), (0, 12), (12, 0))
+_OFFSETS_PX = tuple((down, right) for down in (0, 8, 16) for right in (0, 8, 16))
 """Of the blocks: a small frame has few, and is matched without those at each offset in turn."""
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class AlignedViews:
-    """A target and a source on one grid, aligned by a plane.
-
-    ``target, source``: shape ``(rows, cols)``. ``is_target, is_source``: where they show anything.
-    ``to_x, to_y``: unit vectors of the epipolar lines, towards the epipole.
-    """
-
-    target: Float32Array
-    source: Float32Array
-    is_target: BoolArray
-    is_source: BoolArray
-    to_x: Float32Array
-    to_y: Float32Array
-
-    def reduced(self, factor: int) -> "AlignedViews":
-        """The same with pixels so many times as large; at the border what is over is left out."""
-        if factor == 1:
-            return self
-        rows, cols = (n // factor for n in self.target.shape)
-        part = np.s_[: rows * factor, : cols * factor]
-
-        def smaller(image: Float32Array) -> Float32Array:
-            return np.asarray(
-                cv2.resize(image[part], (cols, rows), interpolation=cv2.INTER_AREA), np.float32
-            )
-
-        length = np.maximum(np.hypot(smaller(self.to_x), smaller(self.to_y)), np.float32(1e-9))
-        return AlignedViews(
-            target=smaller(self.target),
-            source=smaller(self.source),
-            is_target=smaller(self.is_target.astype(np.float32)) > 0.999,
-            is_source=smaller(self.is_source.astype(np.float32)) > 0.999,
-            to_x=np.asarray(smaller(self.to_x) / length, dtype=np.float32),
-            to_y=np.asarray(smaller(self.to_y) / length, dtype=np.float32),
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -130,8 +93,8 @@ def match_views(views: AlignedViews, least_px: int, most_px: int) -> MatchedView
 
 def _blocks(shape: tuple[int, ...], down_px: int, right_px: int) -> BoolArray:
     rows, cols = np.indices(shape)
-    is_in_row = (rows - down_px) % HELD_OUT_PERIOD_PX < _HELD_OUT_PX
-    return np.asarray(is_in_row & ((cols - right_px) % HELD_OUT_PERIOD_PX < _HELD_OUT_PX))
+    is_in_row = (rows - down_px) % _HELD_OUT_PERIOD_PX < HELD_OUT_PX
+    return np.asarray(is_in_row & ((cols - right_px) % _HELD_OUT_PERIOD_PX < HELD_OUT_PX))
 
 
 def _census(image: Float32Array) -> CensusCodes:

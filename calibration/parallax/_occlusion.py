@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.parallax._matching import AlignedViews
-from calibration.parallax._refinement import shifted_along
+from calibration.parallax._views import AlignedViews, shifted_along
 from simulation.arrays import BoolArray, Float32Array
 from simulation.compiled import compiled, compiled_part
 
@@ -67,12 +66,12 @@ def known_surface(parallax_px: Float32Array, matched: BoolArray, unlike: Float32
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
         is_unlike = cv2.dilate(is_unlike.astype(np.uint8), disc).astype(np.bool_)
     known = matched & ~is_unlike
-    labels, sizes = _patches(parallax_px, known)
+    labels, sizes = surface_patches(parallax_px, known)
     return np.asarray(known & (sizes[labels] >= _LEAST_ISLAND_PX))
 
 
 @compiled(nogil=True)
-def _patches(
+def surface_patches(
     parallax: Float32Array, known: BoolArray
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Number of the connected patch of each known pixel, and the patches' sizes; 0 for others."""

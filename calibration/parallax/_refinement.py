@@ -11,18 +11,11 @@ from typing import Self
 
 import cv2
 import numpy as np
-from scipy.ndimage import map_coordinates, spline_filter
 
-from calibration.parallax._matching import AlignedViews
+from calibration.parallax._views import AlignedViews, seen_at, shifted_along, spline_of
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, Float32Array
 from simulation.compiled import compiled
-
-_LIGHT_PX = 12.0
-"""Width over which a photograph is compared with its own mean and contrast."""
-
-_CONTRAST_FLOOR = 0.15
-"""Of the contrast's root mean square over the frame: where there is none, noise is not made one."""
 
 _ROUNDS = 4
 SMOOTHING_PX = 0.7
@@ -59,59 +52,6 @@ _PLACE_ERR_PX, _CONTRAST_ERR = 0.3, 0.2
 _ROBUST_SD = 3.0
 _LEAST_INFORMATION = 1e-3
 """Of the median: where there is no detail at all, the neighbours say all."""
-
-
-def in_own_light(image: Float32Array, shown: BoolArray) -> Float32Array:
-    """A photograph less its local mean, over its local contrast; 0 where it shows nothing."""
-    weight = _blurred(shown.astype(np.float32)) + np.float32(1e-6)
-    known = np.where(shown, image, np.float32(0))
-    mean = _blurred(known) / weight
-    apart = np.where(shown, image - mean, np.float32(0))
-    contrast = np.sqrt(_blurred(apart**2) / weight)
-    floor = _CONTRAST_FLOOR * float(np.sqrt(np.mean(contrast[shown] ** 2))) if shown.any() else 1.0
-    return np.asarray(apart / np.hypot(contrast, np.float32(max(floor, 1e-12))), dtype=np.float32)
-
-
-def _blurred(image: Float32Array) -> Float32Array:
-    return np.asarray(
-        cv2.GaussianBlur(image, (0, 0), _LIGHT_PX, borderType=cv2.BORDER_REFLECT_101), np.float32
-    )
-
-
-def shifted_along(
-    image: Float32Array, views: AlignedViews, parallax_px: Float32Array, interpolation: int
-) -> Float32Array:
-    """What an image shows where each pixel lies in it; NaN outside."""
-    rows, cols = parallax_px.shape
-    y, x = np.mgrid[0:rows, 0:cols].astype(np.float32)
-    return np.asarray(
-        cv2.remap(
-            image,
-            x + parallax_px * views.to_x,
-            y + parallax_px * views.to_y,
-            interpolation,
-            borderValue=(np.nan,) * 4,
-        ),
-        dtype=np.float32,
-    )
-
-
-def spline_of(image: Float32Array) -> Float32Array:
-    """Coefficients of the cubic spline through an image.
-
-    OpenCV's cubic kernel reproduces no straight line: it displaces by up to .044 px.
-    """
-    return np.asarray(spline_filter(image, order=3, output=np.float32), dtype=np.float32)
-
-
-def seen_at(spline: Float32Array, y_px: Float32Array, x_px: Float32Array) -> Float32Array:
-    """Levels of an image between its pixels, by its spline; NaN outside."""
-    return np.asarray(
-        map_coordinates(
-            spline, [y_px, x_px], np.float32, order=3, mode="constant", cval=np.nan, prefilter=False
-        ),
-        dtype=np.float32,
-    )
 
 
 def refined_parallax(

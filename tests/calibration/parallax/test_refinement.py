@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.parallax._matching import AlignedViews
-from calibration.parallax._refinement import in_own_light, refined_parallax
+from calibration.parallax._refinement import refined_parallax
+from calibration.parallax._views import AlignedViews, in_own_light
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 from tests.calibration.parallax.test_matching import views_of
 
