@@ -1,6 +1,7 @@
 """Standoff itself, by its public library alone."""
 
 import numpy as np
+from scipy.ndimage import label
 
 import standoff
 from analysis.errors import AnalysisError
@@ -18,9 +19,10 @@ from calibration.edges import EdgeMeasurement
 from calibration.errors import CalibrationError, RegistrationError
 from calibration.psf import PsfCalibration
 from calibration.registration import Homography
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.errors import ApplicationError
+from standoff.library.changes import ComparedPhotographs
 
 _ANGLE_DEG = 5.0
 """Within which an edge that was found is the one that is asked for."""
@@ -121,10 +123,20 @@ def _changed(task: Task) -> ChangeScore:
     except (AnalysisError, CalibrationError, ApplicationError) as error:
         raise PeerError(str(error)) from error
     score = np.abs(np.asarray(found.significance, dtype=np.float64))
-    score[found.is_moved] = 0
+    score[_moved(found)] = 0
     score[~found.valid] = np.nan
     places = [(change.x_px, change.y_px) for change in found.summary.changes]
     return ChangeScore(score=score, places=np.array(places).reshape(-1, 2))
+
+
+def _moved(found: ComparedPhotographs) -> BoolArray:
+    """What a shift explains, with what stands out around it by the wider filters alone."""
+    moved = found.is_moved.copy()
+    for sign in (-1, 1):
+        labels, _ = label(sign * found.significance > found.summary.threshold_sd)
+        halos = np.setdiff1d(labels[found.is_moved], labels[found.is_change])
+        moved |= np.isin(labels, halos[halos > 0])
+    return moved
 
 
 def _calibrated(task: Task) -> PsfCalibration:

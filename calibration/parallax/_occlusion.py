@@ -18,7 +18,7 @@ from simulation.compiled import compiled, compiled_part
 _TWO_WAY_PX: Final = 1.5
 """Distance at which a match there and back ends."""
 
-_MOST_UNLIKE, _UNLIKE_MEAN_PX = 3.0, 1.5
+_MOST_UNLIKE, _UNLIKE_MEAN_PX = 2.2, 1.5
 """Mean over a Gaussian of this width of what a match leaves over what is expected, for a match."""
 
 _UNLIKE_GROWN_PX: Final = 4
@@ -27,13 +27,17 @@ _JUMP_PX, _JUMP_SLOPE = 1.0, 0.12
 """Parallax of one surface at both sides of a gap differs by at most so much, and by so much a pixel
 of the gap."""
 
+_MOST_GAP_PX: Final = 20
+"""At a jump, of a gap in which what was matched counts: what is larger is a thing by itself."""
+
 _FARTHEST_PX: Final = 80
 _LEAST_HOLE_PX, _MOST_HOLE_SHARE = 12, 0.05
 """Of a hole in a surface; the share is of the frame."""
 
 _RING_PX, _LEAST_RING_PX, _RING_ROUNDS = 3, 24, 5
-_MOST_OF_RING: Final = 0.8
-"""Share of the pixels around a hole that one plane must explain."""
+_MOST_OF_RING, _STEEPEST = 0.8, 0.25
+"""Share of the pixels around a hole that one plane must explain, and parallax by which that may
+change from a pixel to the next: what is steeper joins two surfaces."""
 
 _UNSEEN_APART: Final = 2.0
 """In units of the contrast: of what is beyond the other photograph."""
@@ -44,8 +48,9 @@ _FAR_BETTER: Final = 0.2
 share that tells of a thing of its own there: what changed looks like nothing on its line."""
 
 _GUARD_PX: Final = 2
-_AROUND_PX, _SPREAD_SHARE = 13, 0.1
-"""Window, and the share of the parallax's range in it by which a pixel may be off."""
+_AROUND_PX, _SPREAD_SHARE, _UNMATCHED_SPREAD_SHARE = 13, 0.1, 0.5
+"""Window, and the share of the parallax's range in it by which a pixel may be off: one that was
+matched, and one that was not."""
 
 _INTERPOLATED_PX: Final = 0.3
 """And that of a pixel which was not matched."""
@@ -147,7 +152,12 @@ def filled_surface(
                 continue
             if ahead_y < 0 or back_y < 0:
                 one = parallax[back_y, back_x] if ahead_y < 0 else parallax[ahead_y, ahead_x]
-                is_sure[row, col] = matched[row, col] and abs(parallax[row, col] - one) <= _JUMP_PX
+                gap = back if ahead_y < 0 else ahead
+                is_sure[row, col] = (
+                    matched[row, col]
+                    and abs(parallax[row, col] - one) <= _JUMP_PX
+                    and gap <= _MOST_GAP_PX
+                )
                 if not is_sure[row, col]:
                     filled[row, col] = one
                 continue
@@ -156,7 +166,7 @@ def filled_surface(
                 filled[row, col] = first + (last - first) * back / (ahead + back)
                 is_sure[row, col] = True
             else:
-                is_sure[row, col] = matched[row, col]
+                is_sure[row, col] = matched[row, col] and ahead + back <= _MOST_GAP_PX
                 if not matched[row, col]:
                     filled[row, col] = first if back <= ahead else last
     return filled, is_sure
@@ -199,12 +209,12 @@ def filled_holes(
 
 
 def is_elsewhere(
-    views: AlignedViews, parallax_px: Float32Array, doubtful: BoolArray, range_px: tuple[int, int]
+    views: AlignedViews, parallax_px: Float32Array, matched: BoolArray, range_px: tuple[int, int]
 ) -> BoolArray:
-    """Doubtful pixels that another place on their line explains far better, and those beside them.
+    """Unmatched pixels that another place on their line explains far better, and those beside them.
 
     A small thing may have no match, and be taken for a hole in what is behind it. ``views``: in
-    their own light.
+    their own light; noise leaves in them what it leaves where they are matched.
     """
 
     def left_at(parallax: Float32Array) -> Float32Array:
@@ -214,13 +224,15 @@ def is_elsewhere(
         unknown = np.nan_to_num(apart, nan=_UNSEEN_APART).astype(np.float32)
         return np.asarray(cv2.blur(unknown, (_LIKENESS_PX, _LIKENESS_PX)), dtype=np.float32)
 
+    doubtful = ~matched & views.is_target
     if not doubtful.any():
-        return np.zeros_like(doubtful)
+        return doubtful
     own = left_at(parallax_px)
+    least = np.float32(np.median(own[matched])) if matched.any() else np.float32(0)
     best = own.copy()
     for parallax in range(range_px[0], range_px[1] + 1):
         np.minimum(best, left_at(np.full_like(parallax_px, parallax)), out=best)
-    found = doubtful & (best < _FAR_BETTER * own)
+    found = doubtful & (own > 2 * least) & (best - least < _FAR_BETTER * (own - least))
     # Windows find its middle, and not its outline.
     around = np.ones((_LIKENESS_PX, _LIKENESS_PX), dtype=np.uint8)
     return cv2.dilate(found.astype(np.uint8), around).astype(np.bool_)
@@ -238,7 +250,7 @@ def _one_surface(parallax_px: Float32Array, ring: BoolArray) -> Float32Array | N
         plane = np.linalg.lstsq(design * weight[:, None], levels * weight, rcond=None)[0]
         apart = np.abs(levels - design @ plane)
         weight = np.asarray(1 / np.sqrt(np.maximum(apart, 0.1)))
-    if np.mean(apart < _JUMP_PX) < _MOST_OF_RING:
+    if np.mean(apart < _JUMP_PX) < _MOST_OF_RING or np.hypot(plane[1], plane[2]) > _STEEPEST:
         return None
     y, x = np.indices(ring.shape)
     return np.asarray(plane[0] + plane[1] * y + plane[2] * x, dtype=np.float32)
@@ -254,19 +266,21 @@ def hidden_in_other(
 
 
 def place_error(
-    parallax_px: Float32Array, error_px: Float32Array, apart_px: Float32Array
+    parallax_px: Float32Array, error_px: Float32Array, apart_px: Float32Array, matched: BoolArray
 ) -> Float32Array:
     """How far pixels may be from their places: by noise, and by how much the surface varies around.
 
     Beside a jump, and on a steep slope, neighbours are of other depths than a pixel itself.
-    ``apart_px``: from what the other photograph's pixels say of the same place.
+    ``apart_px``: from what the other photograph's pixels say of the same place. What was not
+    ``matched`` may be of any depth around.
     """
     around = np.ones((_AROUND_PX, _AROUND_PX), dtype=np.uint8)
     spread = cv2.dilate(parallax_px, around) - cv2.erode(parallax_px, around)
     measured = np.where(np.isfinite(error_px), error_px, np.float32(_INTERPOLATED_PX))
     # Noise, and what is averaged with a pixel, are much the same there and back.
     measured = np.maximum(measured, apart_px)
-    return np.asarray(np.hypot(measured, np.float32(_SPREAD_SHARE) * spread), dtype=np.float32)
+    share = np.where(matched, np.float32(_SPREAD_SHARE), np.float32(_UNMATCHED_SPREAD_SHARE))
+    return np.asarray(np.hypot(measured, share * spread), dtype=np.float32)
 
 
 def guarded(is_seen: BoolArray, parallax_px: Float32Array) -> BoolArray:

@@ -79,12 +79,17 @@ class Parallax(ByValue):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Surface:
-    """Parallax of one view's pixels, its error, where it is known, and that of a surface."""
+    """Parallax of one view's pixels, its error, where it is matched, known, and that of a surface.
+
+    ``is_elsewhere``: what has no match here, and looks like another place on its line.
+    """
 
     parallax_px: Float32Array
     error_px: Float32Array
+    is_matched: BoolArray
     is_known: BoolArray
     is_sure: BoolArray
+    is_elsewhere: BoolArray
 
 
 def find_parallax(reference: AnyArray, followup: AnyArray, pose: DistortedPose) -> Parallax | None:
@@ -130,7 +135,9 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
         restored_px=np.stack([-other.parallax_px * lit.to_y, -other.parallax_px * lit.to_x]),
         is_seen=guarded(is_seen, own.parallax_px),
         is_seen_back=guarded(is_seen_back, other.parallax_px),
-        error_px=place_error(own.parallax_px, own.error_px, _apart(own, other, lit)),
+        error_px=place_error(
+            own.parallax_px, own.error_px, _apart(own, other, lit), own.is_matched
+        ),
         photograph="followup",
     )
     unknown = np.float32(np.nan)
@@ -166,17 +173,19 @@ def _surfaces(
     for whole, reduced, both in ((views, small, matched), (back, small_back, turned)):
         rough, agrees = _rough(whole, reduced, both, factor)
         parallax, error, unlike = refined_parallax(whole, rough, agrees, coarse_px=factor)
-        known = known_surface(parallax, agrees, unlike)
-        parallax, is_hole = filled_holes(parallax, known, whole.is_target & whole.is_source)
-        known |= is_hole
+        is_matched = known_surface(parallax, agrees, unlike)
+        parallax, is_hole = filled_holes(parallax, is_matched, whole.is_target & whole.is_source)
+        known = is_matched | is_hole
         filled, is_sure = filled_surface(parallax, known, agrees, whole.to_x, whole.to_y)
-        is_sure &= ~_is_elsewhere(whole, filled, is_sure & (is_hole | ~known), both, factor)
+        elsewhere = _is_elsewhere(whole, filled, is_matched, both, factor)
         found.append(
             _Surface(
                 parallax_px=filled,
                 error_px=error,
+                is_matched=is_matched,
                 is_known=known,
-                is_sure=is_sure & whole.is_target,
+                is_sure=is_sure & whole.is_target & (is_matched | ~elsewhere),
+                is_elsewhere=elsewhere,
             )
         )
     return found[0], found[1]
@@ -185,27 +194,29 @@ def _surfaces(
 def _is_elsewhere(
     views: AlignedViews,
     parallax_px: Float32Array,
-    doubtful: BoolArray,
+    is_matched: BoolArray,
     matched: MatchedViews,
     factor: int,
 ) -> BoolArray:
-    """Doubtful pixels that something else on their line explains, on the image of the matching."""
+    """Unmatched pixels that something else on their line explains, on the image of the matching."""
     reduced = views.reduced(factor)
     rows, cols = reduced.target.shape
     part = np.s_[: rows * factor : factor, : cols * factor : factor]
     found = is_elsewhere(
-        reduced, parallax_px[part] / np.float32(factor), doubtful[part], matched.range_px
+        reduced, parallax_px[part] / np.float32(factor), is_matched[part], matched.range_px
     )
-    return enlarged(found.astype(np.float32), factor, doubtful.shape) > 0.5
+    return enlarged(found.astype(np.float32), factor, is_matched.shape) > 0.5
 
 
 def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:
     """Pixels of a surface that nothing hides in the other view, away from both borders."""
     hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_known, views)
+    hides = other.is_elsewhere.astype(np.float32)
+    hidden |= shifted_along(hides, views, own.parallax_px, cv2.INTER_NEAREST) > 0
     inner = _within(views.is_source).astype(np.float32)
     is_inner = shifted_along(inner, views, own.parallax_px, cv2.INTER_NEAREST) > 0
     # What was matched there and back is there.
-    return own.is_sure & (own.is_known | ~hidden) & is_inner & _within(views.is_target)
+    return own.is_sure & (own.is_matched | ~hidden) & is_inner & _within(views.is_target)
 
 
 def _apart(own: _Surface, other: _Surface, views: AlignedViews) -> Float32Array:
