@@ -39,13 +39,17 @@ _MOST_OF_RING, _STEEPEST = 0.8, 0.25
 """Share of the pixels around a hole that one plane must explain, and parallax by which that may
 change from a pixel to the next: what is steeper joins two surfaces."""
 
-_UNSEEN_APART: Final = 2.0
-"""In units of the contrast: of what is beyond the other photograph."""
+_UNSEEN_APART, _LEAST_SEEN = np.float32(2.0), 0.5
+"""In units of the contrast, of what is beyond the other photograph; and the share of a window that
+is within it."""
 
 _LIKENESS_PX: Final = 9
-_FAR_BETTER: Final = 0.2
-"""Window in which levels are compared with those at another parallax, and of what they leave the
-share that tells of a thing of its own there: what changed looks like nothing on its line."""
+"""Window in which levels are compared with those at another parallax."""
+
+_FAR_BETTER, _OFF_SURFACE, _AS_FAR = 0.2, 2.0, 0.5
+"""Share of what a surface leaves beyond noise, below which something looks far more like it; what
+leaves so many times what noise leaves is not of a surface; and the share beyond noise that the same
+thing leaves at least from the other side."""
 
 _GUARD_PX: Final = 2
 _AROUND_PX, _SPREAD_SHARE, _UNMATCHED_SPREAD_SHARE = 13, 0.1, 0.5
@@ -209,33 +213,52 @@ def filled_holes(
 
 
 def is_elsewhere(
-    views: AlignedViews, parallax_px: Float32Array, matched: BoolArray, range_px: tuple[int, int]
+    views: AlignedViews,
+    parallax_px: tuple[Float32Array, Float32Array],
+    matched: tuple[BoolArray, BoolArray],
+    range_px: tuple[int, int],
 ) -> BoolArray:
-    """Unmatched pixels that another place on their line explains far better, and those beside them.
+    """Unmatched pixels of the target that lie elsewhere on their line, and those beside them.
 
-    A small thing may have no match, and be taken for a hole in what is behind it. ``views``: in
-    their own light; noise leaves in them what it leaves where they are matched.
+    A small thing may have no match, and be taken for a hole in what is behind it. Its place in the
+    source is one that looks far more like it, and is no more of the source's surface there than it
+    is of the target's, or is matched with it. ``views``: in their own light. ``parallax_px,
+    matched``: of the target's surface and of the source's.
     """
-
-    def left_at(parallax: Float32Array) -> Float32Array:
-        apart = np.abs(
-            shifted_along(views.source, views, parallax, cv2.INTER_LINEAR) - views.target
-        )
-        unknown = np.nan_to_num(apart, nan=_UNSEEN_APART).astype(np.float32)
-        return np.asarray(cv2.blur(unknown, (_LIKENESS_PX, _LIKENESS_PX)), dtype=np.float32)
-
-    doubtful = ~matched & views.is_target
+    doubtful = ~matched[0] & views.is_target
     if not doubtful.any():
         return doubtful
-    own = left_at(parallax_px)
-    least = np.float32(np.median(own[matched])) if matched.any() else np.float32(0)
-    best = own.copy()
+    own = _left_at(views, parallax_px[0])
+    # What noise leaves.
+    least = np.float32(np.median(own[matched[0]]) if matched[0].any() else 0)
+    other = _left_at(views.reversed(), parallax_px[1])
+    alike, as_far = (least + np.float32(share) * (own - least) for share in (_FAR_BETTER, _AS_FAR))
+    known_px = np.where(matched[1], parallax_px[1], np.float32(np.nan))
+    found = np.zeros_like(doubtful)
     for parallax in range(range_px[0], range_px[1] + 1):
-        np.minimum(best, left_at(np.full_like(parallax_px, parallax)), out=best)
-    found = doubtful & (own > 2 * least) & (best - least < _FAR_BETTER * (own - least))
+        moved = np.full_like(own, parallax)
+        off_there, known_there = (
+            shifted_along(one, views, moved, cv2.INTER_NEAREST) for one in (other, known_px)
+        )
+        is_its = off_there > as_far
+        is_its |= np.abs(known_there - moved) <= _TWO_WAY_PX
+        found |= is_its & (_left_at(views, moved) < alike)
+    found &= doubtful & (own > _OFF_SURFACE * least)
     # Windows find its middle, and not its outline.
     around = np.ones((_LIKENESS_PX, _LIKENESS_PX), dtype=np.uint8)
     return cv2.dilate(found.astype(np.uint8), around).astype(np.bool_)
+
+
+def _left_at(views: AlignedViews, parallax_px: Float32Array) -> Float32Array:
+    """Mean difference around the target's pixels, at that parallax."""
+    apart = np.abs(
+        shifted_along(views.source, views, parallax_px, cv2.INTER_LINEAR) - views.target
+    )
+    is_seen = np.isfinite(apart)
+    window = (_LIKENESS_PX, _LIKENESS_PX)
+    total = cv2.blur(np.where(is_seen, apart, np.float32(0)), window)
+    share = np.maximum(cv2.blur(is_seen.astype(np.float32), window), np.float32(1e-6))
+    return np.where(share > _LEAST_SEEN, total / share, _UNSEEN_APART).astype(np.float32)
 
 
 def _one_surface(parallax_px: Float32Array, ring: BoolArray) -> Float32Array | None:

@@ -167,45 +167,58 @@ def _surfaces(
     views: AlignedViews, small: AlignedViews, matched: MatchedViews, factor: int
 ) -> tuple[_Surface, _Surface]:
     """Surfaces of the target's pixels and of the source's."""
-    back, small_back = views.reversed(), small.reversed()
+    back = views.reversed()
     turned = replace(matched, target=matched.source, source=matched.target)
-    found = []
-    for whole, reduced, both in ((views, small, matched), (back, small_back, turned)):
-        rough, agrees = _rough(whole, reduced, both, factor)
-        parallax, error, unlike = refined_parallax(whole, rough, agrees, coarse_px=factor)
-        is_matched = known_surface(parallax, agrees, unlike)
-        parallax, is_hole = filled_holes(parallax, is_matched, whole.is_target & whole.is_source)
-        known = is_matched | is_hole
-        filled, is_sure = filled_surface(parallax, known, agrees, whole.to_x, whole.to_y)
-        elsewhere = _is_elsewhere(whole, filled, is_matched, both, factor)
-        found.append(
-            _Surface(
-                parallax_px=filled,
-                error_px=error,
-                is_matched=is_matched,
-                is_known=known,
-                is_sure=is_sure & whole.is_target & (is_matched | ~elsewhere),
-                is_elsewhere=elsewhere,
-            )
-        )
-    return found[0], found[1]
+    own = _surface_of(views, small, matched, factor)
+    other = _surface_of(back, small.reversed(), turned, factor)
+    return (
+        _without_elsewhere(views, (own, other), matched.range_px, factor),
+        _without_elsewhere(back, (other, own), matched.range_px, factor),
+    )
 
 
-def _is_elsewhere(
-    views: AlignedViews,
-    parallax_px: Float32Array,
-    is_matched: BoolArray,
-    matched: MatchedViews,
-    factor: int,
-) -> BoolArray:
-    """Unmatched pixels that something else on their line explains, on the image of the matching."""
+def _surface_of(
+    views: AlignedViews, small: AlignedViews, matched: MatchedViews, factor: int
+) -> _Surface:
+    """The surface of the target's pixels by what was matched, and holes in it."""
+    rough, agrees = _rough(views, small, matched, factor)
+    parallax, error, unlike = refined_parallax(views, rough, agrees, coarse_px=factor)
+    is_matched = known_surface(parallax, agrees, unlike)
+    parallax, is_hole = filled_holes(parallax, is_matched, views.is_target & views.is_source)
+    known = is_matched | is_hole
+    filled, is_sure = filled_surface(parallax, known, agrees, views.to_x, views.to_y)
+    return _Surface(
+        parallax_px=filled,
+        error_px=error,
+        is_matched=is_matched,
+        is_known=known,
+        is_sure=is_sure & views.is_target,
+        is_elsewhere=np.zeros_like(known),
+    )
+
+
+def _without_elsewhere(
+    views: AlignedViews, both: tuple[_Surface, _Surface], range_px: tuple[int, int], factor: int
+) -> _Surface:
+    """The target's surface less what lies elsewhere, looked for on the image of the matching.
+
+    ``both``: the target's surface and the source's.
+    """
+    own, other = both
     reduced = views.reduced(factor)
     rows, cols = reduced.target.shape
     part = np.s_[: rows * factor : factor, : cols * factor : factor]
+    scale = np.float32(factor)
     found = is_elsewhere(
-        reduced, parallax_px[part] / np.float32(factor), is_matched[part], matched.range_px
+        reduced,
+        (own.parallax_px[part] / scale, other.parallax_px[part] / scale),
+        (own.is_matched[part], other.is_matched[part]),
+        range_px,
     )
-    return enlarged(found.astype(np.float32), factor, is_matched.shape) > 0.5
+    elsewhere = enlarged(found.astype(np.float32), factor, own.is_matched.shape) > 0.5
+    return replace(
+        own, is_elsewhere=elsewhere, is_sure=own.is_sure & (own.is_matched | ~elsewhere)
+    )
 
 
 def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:

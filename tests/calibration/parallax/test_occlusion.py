@@ -237,10 +237,40 @@ def test_a_thing_taken_for_a_hole_is_found_on_its_line_and_paint_is_not(noise: f
     matched = every.copy()
     matched[15:45] = False
     views = views_of(target, source, (1.0, 0.0))
-    on_ground = np.zeros(size, dtype=np.float32)
-    found = is_elsewhere(views, on_ground, matched, (-20, 20))
+    on_ground = (np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.float32))
+    found = is_elsewhere(views, on_ground, (matched, matched), (-20, 20))
     assert found[20:40, 30:50].all()
     assert not found[:, 72:].any()
     # Nor is it beyond the range, nor where everything is matched.
-    assert not is_elsewhere(views, on_ground, matched, (-20, 8))[:, :42].any()
-    assert not is_elsewhere(views, on_ground, every, (-20, 20)).any()
+    assert not is_elsewhere(views, on_ground, (matched, matched), (-20, 8))[:, :42].any()
+    assert not is_elsewhere(views, on_ground, (every, every), (-20, 20)).any()
+
+
+def test_paint_beside_which_the_ground_is_even_is_not_elsewhere() -> None:
+    """Even ground looks like even ground beside the paint, which is the ground's there."""
+    size = (60, 120)
+    noise = 0.05 * np.random.default_rng(6).normal(size=(2, *size)).astype(np.float32)
+    target, source = noise[0].copy(), noise[1]
+    target[24:34, 50:60] += 3.0
+    views, back = views_of(target, source, (1.0, 0.0)), views_of(source, target, (-1.0, 0.0))
+    on_ground = (np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.float32))
+    matched = np.ones(size, dtype=np.bool_)
+    matched[15:45] = False
+    for one in (views, back):
+        assert not is_elsewhere(one, on_ground, (matched, matched), (-20, 20)).any()
+
+
+def test_a_thing_that_is_matched_from_one_side_is_elsewhere_from_the_other() -> None:
+    rng = np.random.default_rng(7)
+    size = (60, 120)
+    ground, thing = rng.normal(size=(2, *size)).astype(np.float32)
+    target, source = ground.copy(), ground.copy()
+    target[20:40, 30:50] = thing[20:40, 30:50]
+    source[20:40, 42:62] = thing[20:40, 30:50]
+    level_px, thing_px = np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.float32)
+    thing_px[20:40, 42:62] = 12
+    matched = np.ones(size, dtype=np.bool_)
+    matched[15:45] = False
+    views = views_of(target, source, (1.0, 0.0))
+    every = np.ones(size, dtype=np.bool_)
+    assert is_elsewhere(views, (level_px, thing_px), (matched, every), (-20, 20))[24:36, 34:46].all()
