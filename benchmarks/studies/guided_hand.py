@@ -132,10 +132,20 @@ def approach(
     )
 
 
-def greens(reference: GuideReference, frames: tuple[bytes, ...]) -> int:
-    """How many frames of another scene are called good."""
-    live = LiveGuidance(Judge(reference))
-    return sum(live.look(frame).verdict == "go" for frame in frames)
+def pairs_of(frames: tuple[bytes, ...], stride: int) -> list[bytes]:
+    """Every so many-th frame with the one after it: alone, none is good, as motion is not known."""
+    return [frame for at in range(0, len(frames) - 1, stride) for frame in frames[at : at + 2]]
+
+
+def greens(reference: GuideReference, pairs: list[bytes], period_s: float) -> int:
+    """How many frames of another scene are called good, taken ``period_s`` apart."""
+    now_s = 0.0
+    live = LiveGuidance(Judge(reference), clock=lambda: now_s)
+    found = 0
+    for frame in pairs:
+        now_s += period_s
+        found += live.look(frame).verdict == "go"
+    return found
 
 
 def search_s(reference: GuideReference, frame: bytes) -> float:
@@ -177,9 +187,12 @@ def main(
             runs[name] = run
             record.say(f"  {name:10} {_text(run.start)} {run.took_s:8.2f}   {_text(run.errors)}")
     guided = sum(run.is_guided for run in runs.values())
-    shown = {name: runs[name].frames[:: record.pick(10, 20)] for name in names}
+    shown = {name: pairs_of(runs[name].frames, record.pick(10, 20)) for name in names}
     wrong = sum(
-        greens(references[one], shown[other]) for one in names for other in names if one != other
+        greens(references[one], shown[other], 1 / poses)
+        for one in names
+        for other in names
+        if one != other
     )
     count = (len(names) - 1) * sum(map(len, shown.values()))
     again = [search_s(references[name], runs[name].frames[0]) for name in names]

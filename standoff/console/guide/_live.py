@@ -15,8 +15,8 @@ from calibration.errors import RegistrationError
 from simulation.arrays import FloatArray
 from simulation.pose import project
 from standoff.console.guide._assessment import Assessment, Judge
-from standoff.console.guide._jpeg import JpegError, jpeg_size
 from standoff.console.guide._reference import FRAME_PX
+from standoff.console.photographs import JpegError, jpeg_size
 
 ByteImage = NDArray[np.uint8]
 

@@ -26,9 +26,8 @@ from analysis.changes import Change, ChangeSummary, describe_focus, describe_lim
 from analysis.pose import PoseFollower, Verdict
 from analysis.reports import compared_pictures
 from standoff.console.guide._assessment import Assessment, Judge
-from standoff.console.guide._jpeg import jpeg_size, without_location
 from standoff.console.guide._reference import UprightView, upright
-from standoff.console.guide._uploads import Uploads
+from standoff.console.photographs import MOST_PX, Uploads, jpeg_size, without_location
 from standoff.errors import REPORTED_ERRORS
 from standoff.library import (
     add_note,
@@ -42,9 +41,6 @@ INCOMING = "incoming"
 OPERATOR = "guide"
 PHOTOGRAPH_NAME, DOCUMENT_NAME, CHANGES_FOLDER = "photograph.jpg", "guide.json", "changes"
 PICTURES = ("before.jpg", "after.jpg")
-
-MOST_PX = 64_000_000
-"""Pixels of a still: the largest sensors of phones have 50 million in one picture."""
 
 _ONE_COMPARISON = Lock()
 """Of two at a time, for two references, each takes twice as long and both take their memory."""

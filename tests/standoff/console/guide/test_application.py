@@ -25,7 +25,7 @@ from standoff.console.guide import (
 )
 from standoff.console.guide._live import MOST_FRAME_BYTES
 from standoff.console.guide._stills import StillRecord
-from standoff.console.guide._uploads import MOST_WAITING, PART_BYTES
+from standoff.console.photographs._uploads import MOST_WAITING, PART_BYTES
 from tests.standoff.console.guide.scenes import Stills, save, wall
 from tests.standoff.console.guide.serving import TOKEN, served_guide, trusting
 
