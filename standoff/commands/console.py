@@ -6,7 +6,7 @@ import json
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 from urllib.parse import quote
 
 import typer
@@ -17,6 +17,11 @@ from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff import terminal
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
+
+if TYPE_CHECKING:
+    from acquisition.bench import BenchConfig
+    from calibration.geometry import CharucoBoard
+    from standoff.console import BenchHub, GivenCurves
 
 DEFAULT_PORT = 8470
 
@@ -63,10 +68,8 @@ def console(
         )
     from standoff.console import (
         MIN_TOKEN_CHARS,
-        BenchHub,
         ConsoleHub,
         GivenCurves,
-        bench_drivers,
         is_loopback_host,
         open_socket,
         serve,
@@ -82,18 +85,8 @@ def console(
         hub = ConsoleHub(sessions=sessions, curves=given)
     else:
         config = terminal.read_bench(bench, settings)
-        hub = BenchHub(
-            config,
-            bench_drivers(config),
-            sessions=sessions,
-            plan_folders=(
-                *(plans or (sessions / "plans",)),
-                bench.parent,
-                shipped_config("demo_plan.toml").parent,
-            ),
-            curves=given,
-            board=layout,
-        )
+        folders = *(plans or (sessions / "plans",)), bench.parent
+        hub = _bench_hub(config, sessions, folders, given, layout)
     certificate = None
     if https:
         from standoff.console.guide import made_certificate, qr_text
@@ -126,6 +119,25 @@ def console(
             serve(console_app(hub, token=token), bound, ready=ready, tls=tls)
         finally:
             hub.close()
+
+
+def _bench_hub(
+    config: BenchConfig,
+    sessions: Path,
+    plan_folders: tuple[Path, ...],
+    curves: GivenCurves,
+    board: CharucoBoard,
+) -> BenchHub:
+    from standoff.console import BenchHub, bench_drivers
+
+    return BenchHub(
+        config,
+        bench_drivers(config),
+        sessions=sessions,
+        plan_folders=(*plan_folders, shipped_config("demo_plan.toml").parent),
+        curves=curves,
+        board=board,
+    )
 
 
 def _refuse_open_door(host: str, token: str | None, least_chars: int, *, is_loopback: bool) -> None:

@@ -208,7 +208,7 @@ COMPARED = {"verdict": "no significant change", "is_changed": False, "shared_inp
 def test_what_a_session_lacks_is_said_for_each_result(session_dir: Path) -> None:
     views = {view.kind: view for view in results_of(Session(session_dir), has_curves=False)}
     assert {kind for kind, view in views.items() if not view.missing} == {
-        "calibrate", "changes", "report",
+        "calibrate", "changes", "report", "verify", "export",
     }  # fmt: skip
     assert "lens cap" in views["noise"].missing
     assert "--curves" in views["pose"].missing
