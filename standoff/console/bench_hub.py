@@ -16,6 +16,7 @@ from standoff.console.control_arbiter import ControlArbiter
 from standoff.console.devices import BenchDrivers
 from standoff.console.focus_sweep import FocusSweepRun
 from standoff.console.frames import FrameBroadcaster
+from standoff.console.guide import ReferenceShelf
 from standoff.console.jobs import JobRunner, PromptQueue, StageStop
 from standoff.console.monitors import (
     PictureMonitor,
@@ -56,6 +57,7 @@ class ConsoleHub:
     def __init__(self, *, sessions: Path, curves: GivenCurves | None = None) -> None:
         self.sessions = SessionLibrary(sessions)
         self.photographs = PhotographInbox(sessions / PHOTOGRAPHS_FOLDER)
+        self.references = ReferenceShelf(sessions, sessions / PHOTOGRAPHS_FOLDER / "guided")
         self.control = ControlArbiter()
         self.jobs = JobRunner(self.tell)
         self.compiling = CompileWatch()
@@ -111,6 +113,7 @@ class ConsoleHub:
         if job is not None:
             self.stop()
             job.ended.wait(CLOSE_TIMEOUT_S)
+        self.references.close()
 
     def _judge_by(self, _: TrackerMaker | None, words: tuple[str, ...]) -> None:
         self.results.judge_by(words)

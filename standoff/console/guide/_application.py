@@ -2,7 +2,7 @@
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -63,8 +63,8 @@ class GuidedReference:
 
     @property
     def name(self) -> str:
-        """Name of its file on one line, by which the page asks for it."""
-        return on_one_line(self.judge.reference.path.name)
+        """By which the page asks for it."""
+        return self.judge.reference.name
 
 
 def guide_app(
@@ -79,7 +79,7 @@ def guide_app(
     ``fingerprint`` is the certificate's, ``tell`` is told who was let in and who guesses the token.
     """
     access = Access(token)
-    pages = _Pages(references, access, fingerprint)
+    pages = _Pages({one.name: one for one in references}, access, fingerprint)
     entrance = Entrance(
         access,
         pages.refusal,
@@ -88,18 +88,8 @@ def guide_app(
     )
     return Starlette(
         routes=[
-            Route("/", pages.page),
             Route("/login", entrance.login, methods=["GET", "POST"]),
-            Route("/reference.jpg", pages.reference),
-            Route("/frames", pages.frame, methods=["POST"]),
-            Route("/find", pages.find, methods=["POST"]),
-            Route("/stills", pages.stills),
-            Route("/stills", pages.announce, methods=["POST"]),
-            Route("/stills/{sha256}", pages.part, methods=["PUT"]),
-            Route("/stills/{name}", pages.still),
-            Route("/stills/{name}/{which}", pages.picture),
-            Mount("/sending", StaticFiles(directory=SENDING_FOLDER)),
-            Mount("/static", StaticFiles(directory=FOLDER / "static")),
+            *pages.routes(),
         ],
         middleware=[
             Middleware(
@@ -110,13 +100,27 @@ def guide_app(
     )
 
 
+def guide_pages(references: Mapping[str, GuidedReference], access: Access, home: str) -> Starlette:
+    """Return the pages alone, for an application that lets people in itself, at a path of its own.
+
+    References may come and go; ``home`` is the page of that application where they are chosen.
+    """
+    pages = _Pages(references, access, home=home)
+    return Starlette(routes=pages.routes(), exception_handlers={HTTPException: told_fault})
+
+
 class _Pages:
     """Answers the phone; what takes time is done in threads."""
 
     def __init__(
-        self, references: Sequence[GuidedReference], access: Access, fingerprint: str
+        self,
+        references: Mapping[str, GuidedReference],
+        access: Access,
+        fingerprint: str = "",
+        home: str = "",
     ) -> None:
-        self._references = {one.name: one for one in references}
+        self._references = references
+        self._home = home
         self._next: dict[str, int] = {}
         self._fingerprint = fingerprint
         self._frames = 0
@@ -129,11 +133,27 @@ class _Pages:
             lstrip_blocks=True,
         )
 
+    def routes(self) -> list[Route | Mount]:
+        """All pages, and what they ask for."""
+        return [
+            Route("/", self.page),
+            Route("/reference.jpg", self.reference),
+            Route("/frames", self.frame, methods=["POST"]),
+            Route("/find", self.find, methods=["POST"]),
+            Route("/stills", self.stills),
+            Route("/stills", self.announce, methods=["POST"]),
+            Route("/stills/{sha256}", self.part, methods=["PUT"]),
+            Route("/stills/{name}", self.still),
+            Route("/stills/{name}/{which}", self.picture),
+            Mount("/sending", StaticFiles(directory=SENDING_FOLDER)),
+            Mount("/static", StaticFiles(directory=FOLDER / "static")),
+        ]
+
     async def page(self, request: Request) -> Response:
-        """The page of a reference, or the list of them where there are several."""
-        if len(self._references) > 1 and "of" not in request.query_params:
+        """The page of a reference, or the list of them unless there is one."""
+        if len(self._references) != 1 and "of" not in request.query_params:
             template = self._templates.get_template("references.html")
-            return HTMLResponse(template.render(references=self._listed()))
+            return HTMLResponse(template.render(references=self._listed(), home=self._home))
         one = self._of(request)
         reference = one.judge.reference
         template = self._templates.get_template("guide.html")
@@ -145,6 +165,7 @@ class _Pages:
                 fingerprint=self._fingerprint,
                 judged_by="" if one.judge.has_curve else WITHOUT_CURVES,
                 is_one_of_several=len(self._references) > 1,
+                home=self._home,
             )
         )
 
@@ -167,6 +188,8 @@ class _Pages:
             data = await self._receiver.body(request, MOST_FRAME_BYTES)
             names, phone = list(self._references), _phone(request)
             first = self._next.pop(phone, 0)
+            if not names:
+                return JSONResponse({"of": None})
             tried = [names[(first + k) % len(names)] for k in range(TRIED_AT_ONCE)]
             if len(self._next) < PHONES_SEARCHING:
                 self._next[phone] = (first + TRIED_AT_ONCE) % len(names)
@@ -204,7 +227,7 @@ class _Pages:
     def _listed(self) -> list[dict[str, Any]]:
         """Each reference, with the number of its stills and the verdict on the newest."""
         listed = []
-        for one in self._references.values():
+        for one in list(self._references.values()):
             records = one.store.records()
             pose = records[0].pose if records else None
             verdict = "" if pose is None else pose["verdict"]

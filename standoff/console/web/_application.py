@@ -5,6 +5,7 @@ import shutil
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, TypeVar, get_args
+from urllib.parse import quote
 
 import numpy as np
 from jinja2 import Environment, PackageLoader
@@ -16,6 +17,7 @@ from starlette.responses import (
     FileResponse,
     HTMLResponse,
     JSONResponse,
+    RedirectResponse,
     Response,
     StreamingResponse,
 )
@@ -32,6 +34,7 @@ from standoff.console.access import Access, AccessMiddleware
 from standoff.console.bench_hub import BenchHub, ConsoleHub
 from standoff.console.devices import DeviceStatus
 from standoff.console.entrance import Entrance, body_of
+from standoff.console.guide import guide_pages
 from standoff.console.page_words import page_words
 from standoff.console.photographs import SENDING_FOLDER
 from standoff.console.plans import PlanDraft, TargetDraft, draft_of
@@ -60,7 +63,7 @@ from standoff.doctor import (
     check_route,
     check_stage_port,
 )
-from standoff.errors import ApplicationError
+from standoff.errors import REPORTED_ERRORS, ApplicationError
 
 T = TypeVar("T")
 
@@ -100,7 +103,7 @@ def console_app(hub: ConsoleHub, *, token: str | None = None) -> Starlette:
             Route(capture, pages.capture),
             Route(f"{capture}/thumbnail", pages.thumbnail),
             Route(f"{capture}/levels/{{image}}", pages.levels),
-            *([] if bench is None else bench.routes()),
+            *(_guide_routes(hub, pages, access) if bench is None else bench.routes()),
             Route("/login", pages.entrance.login, methods=["GET", "POST"]),
             WebSocketRoute("/live", LiveSockets(hub).serve),
             Mount("/sending", StaticFiles(directory=SENDING_FOLDER)),
@@ -109,6 +112,18 @@ def console_app(hub: ConsoleHub, *, token: str | None = None) -> Starlette:
         middleware=[Middleware(AccessMiddleware, access=access, refusal=pages.refusal())],
         exception_handlers={HTTPException: pages.fault},
     )
+
+
+def _guide_routes(hub: ConsoleHub, pages: "SessionPages", access: Access) -> list[Route | Mount]:
+    """The guide for any browser's camera.
+
+    A console with a bench has none: photographs are decoded in its own process, which must not end
+    while a stage moves, and the bench's own camera is guided on its page.
+    """
+    return [
+        Route("/guide/to/{name}/{index:int}", pages.choose_reference),
+        Mount("/guide", guide_pages(hub.references, access, home="/photographs")),
+    ]
 
 
 class SessionPages:
@@ -143,6 +158,23 @@ class SessionPages:
             return photographs_document(hub.sessions, hub.photographs)
 
         return await self._made(request, "photographs.html", facts)
+
+    async def choose_reference(self, request: Request) -> Response:
+        """Read a photograph as the guide's reference, and go to its page."""
+        hub, (name, index, uid) = self._hub, _named(request)
+
+        def choose() -> str:
+            session = hub.sessions.read(name)
+            record = find_capture(session, index, uid).record
+            return hub.references.choose(
+                session.path, record, hub.curves.curve, hub.curves.view.min_dprime
+            )
+
+        try:
+            chosen = await self._in_turn(request, choose)
+        except REPORTED_ERRORS as error:
+            raise HTTPException(409, str(error)) from error
+        return RedirectResponse(f"/guide/?of={quote(chosen, safe='')}", status_code=303)
 
     async def session(self, request: Request) -> Response:
         name, number, hub = request.path_params["name"], _page_number(request), self._hub

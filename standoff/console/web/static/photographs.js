@@ -93,6 +93,11 @@ function showPair() {
   const named = (button) => button.querySelector(".name").textContent;
   const words = ["Nothing is chosen.", "Choose the later one.", ""][pair.length];
   setText("chosen", words || `${named(pair[1])} against ${named(pair[0])}`);
+  show("guide", pair.length === 1);
+  if (pair.length === 1 && byId("guide")) {
+    const { session, index } = pair[0].dataset;
+    byId("guide").href = `/guide/to/${encodeURIComponent(session)}/${index}`;
+  }
   enable();
 }
 

@@ -17,11 +17,13 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, Request, Route, sync_playwright
 
 import standoff
+from standoff.console.bench_hub import ConsoleHub
 from tests.standoff.console.console_rig import CHROMIUM_OPTIONS, chromium_path, wait_until
 from tests.standoff.console.guide.fake_camera import SCREEN, SIZE, camera_options, write_film
 from tests.standoff.console.guide.scenes import Stills, wall
-from tests.standoff.console.guide.serving import ServedGuide, served_guide
+from tests.standoff.console.guide.serving import TOKEN, ServedGuide, served_guide
 from tests.standoff.console.hub_fixtures import DEADLINE_S
+from tests.standoff.console.served import served
 
 pytestmark = [pytest.mark.slow(minutes=1.0), pytest.mark.waits]
 
@@ -279,6 +281,44 @@ def test_of_several_references_the_one_that_the_camera_sees_is_opened(
             page.wait_for_selector("#find")
         finally:
             context.close()
+
+
+def test_the_console_guides_any_camera_to_a_photograph_that_was_imported(
+    browser: Browser, stills: Stills, tmp_path: Path
+) -> None:
+    hub = ConsoleHub(sessions=tmp_path / "sessions")
+    standoff.import_photographs(
+        [stills.other, stills.reference], hub.sessions.folder / "wall", kind="texture", height_mm=0
+    )
+    hub.start()
+    try:
+        with served(hub, token=TOKEN) as (host, port):
+            context = browser.new_context(viewport={"width": 1280, "height": 900})
+            page = context.new_page()
+            page.set_default_timeout(1e3 * DEADLINE_S)
+            page.goto(f"http://{host}:{port}/guide/")
+            assert page.is_visible("input[name=token]")
+            page.goto(f"http://{host}:{port}/login?token={TOKEN.replace(' ', '%20')}")
+            page.goto(f"http://{host}:{port}/guide/")
+            assert page.is_visible("text=No photograph is chosen yet")
+            assert violations(page) == []
+            page.click("text=The console's photographs")
+            page.click(".picture-choice:has-text('reference.jpg')")
+            page.click("#guide")
+            page.wait_for_selector("#start >> text=reference.jpg of wall")
+            assert violations(page) == []
+            page.click("#use-camera")
+            page.wait_for_selector("#verdict.go")
+            page.click("#shutter")
+            page.wait_for_selector(".still .tag.go")
+            page.wait_for_selector(".still .blink:visible")
+            page.goto(f"http://{host}:{port}/sessions")
+            assert page.locator("tbody tr").count() == 2
+            context.close()
+    finally:
+        hub.close()
+    (one,) = [each.name for each in hub.sessions.summaries() if each.name != "wall"]
+    assert standoff.verify_session(hub.sessions.folder / one).is_ok
 
 
 def test_without_the_code_the_page_asks_for_the_token(browser: Browser, guide: ServedGuide) -> None:
