@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -35,8 +36,11 @@ from standoff.console.photographs import (
 
 FOLDER = Path(__file__).parent
 OPEN_PATHS = ("/login", "/static/guide.css")
-FRAMES_WAITING = 4
-"""Frames that are on their way at one time; a phone sends two."""
+FRAMES_OF_ONE = 4
+"""Frames of one phone that are on their way at one time; its page sends two."""
+
+FRAMES_WAITING = 32
+"""Frames of all phones."""
 
 TRIED_AT_ONCE = 3
 """References that a frame is compared with to find out which of them it shows."""
@@ -123,7 +127,7 @@ class _Pages:
         self._home = home
         self._next: dict[str, int] = {}
         self._fingerprint = fingerprint
-        self._frames = 0
+        self._frames: Counter[str] = Counter()
         self._receiver = Receiver(access, page="the guide's", most_at_once=WORK_WAITING)
         self._templates = Environment(
             loader=PackageLoader("standoff.console.guide", "templates"),
@@ -176,7 +180,7 @@ class _Pages:
         """Judge the newest frame; one that was overtaken is answered without a verdict."""
         self._receiver.require_own_page(request)
         live = self._of(request).live
-        async with self._one_frame():
+        async with self._one_frame(request):
             data = await self._receiver.body(request, MOST_FRAME_BYTES)
             found = await live.judged(data, phone=_phone(request), taken_s=_taken_s(request))
         return JSONResponse({"passed_over": True} if found is None else found.to_json())
@@ -184,7 +188,7 @@ class _Pages:
     async def find(self, request: Request) -> Response:
         """Name the reference whose scene a frame shows; a few are tried with each frame."""
         self._receiver.require_own_page(request)
-        async with self._one_frame():
+        async with self._one_frame(request):
             data = await self._receiver.body(request, MOST_FRAME_BYTES)
             names, phone = list(self._references), _phone(request)
             first = self._next.pop(phone, 0)
@@ -200,13 +204,14 @@ class _Pages:
         return JSONResponse({"of": None})
 
     @asynccontextmanager
-    async def _one_frame(self) -> AsyncIterator[None]:
-        """Let a few frames in at a time, and say what is wrong with one."""
-        if self._frames >= FRAMES_WAITING:
+    async def _one_frame(self, request: Request) -> AsyncIterator[None]:
+        """Let a few frames of each phone in at a time, and say what is wrong with one."""
+        phone = _phone(request)
+        if self._frames[phone] >= FRAMES_OF_ONE or self._frames.total() >= FRAMES_WAITING:
             raise HTTPException(
                 429, "frames come faster than they are judged", {"Retry-After": "1"}
             )
-        self._frames += 1
+        self._frames[phone] += 1
         try:
             yield
         except FrameError as error:
@@ -214,7 +219,9 @@ class _Pages:
         except asyncio.CancelledError as error:  # Ctrl-C while a frame is judged
             raise HTTPException(503, "the guide has ended") from error
         finally:
-            self._frames -= 1
+            self._frames[phone] -= 1
+            if not self._frames[phone]:
+                del self._frames[phone]
 
     def _of(self, request: Request) -> GuidedReference:
         """The reference that is asked for; the only one needs no name."""
@@ -239,7 +246,7 @@ class _Pages:
         records = self._of(request).store.records()
         shown = [record.to_json() for record in records]
         for one in shown:
-            del one["changes"]
+            one["count"] = len(one.pop("changes"))
         return JSONResponse(shown)
 
     async def still(self, request: Request) -> Response:

@@ -1,6 +1,7 @@
 // The page: the reference, the camera with its guidance, and the photographs with their changes.
 
 import { Camera } from "./camera.js";
+import { drawSeries } from "./series.js";
 import { forget, keep, refusedOnes, sendAgain, sendWaiting } from "./uploads.js";
 
 const OF = `of=${encodeURIComponent(document.body.dataset.of)}`;
@@ -347,6 +348,7 @@ async function list() {
   isListing = false;
   if (!stills) return;
   $("no-stills").hidden = stills.length > 0;
+  $("series").hidden = !drawSeries($("series-plot"), stills);
   for (const still of stills) fill(cardOf(still.name), still);
   const wanted = stills.map((still) => cards.get(still.name));
   if (wanted.some((card, at) => $("stills").children[at] !== card)) $("stills").replaceChildren(...wanted);
