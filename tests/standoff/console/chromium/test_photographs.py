@@ -117,8 +117,8 @@ def test_a_phone_sends_what_whoever_is_in_control_imports(
             phone.wait_for_selector("#import")
             assert phone.is_disabled("#import button[type=submit]")
             judged(phone, "a phone")
-            width = phone.evaluate("[document.documentElement.scrollWidth, innerWidth]")
-            assert width[0] <= width[1]
+            width = phone.evaluate("document.documentElement.scrollWidth")
+            assert width <= PHONE["width"]
         desk.wait_for_selector("#arrived >> text=reference.jpg")
         desk.click("[data-discard]:enabled")
         desk.wait_for_selector("#arrived >> text=nothing to be imported")
