@@ -337,7 +337,7 @@ def test_only_pictures_of_stills_are_served(stills: Stills, tmp_path: Path, path
         # Changes are many, and the list is asked for every second.
         (listed,) = made.phone.get("/stills").json()
         assert listed.pop("count") == 0
-            assert made.phone.get("/stills/one").json() == listed | {"changes": []}
+        assert made.phone.get("/stills/one").json() == listed | {"changes": []}
         assert made.phone.get("/stills/other").status_code == 404
         assert made.phone.get(path).status_code == 404
 
