@@ -1,8 +1,8 @@
 // The photographs of a reference over time: how many changes each one shows, by when it arrived.
 
-const WIDTH = 640;
-const HEIGHT = 220;
-const [LEFT, RIGHT, TOP, BOTTOM] = [44, 16, 14, 42];
+const WIDTH = 400;
+const HEIGHT = 200;
+const [LEFT, RIGHT, TOP, BOTTOM] = [34, 14, 14, 44];
 const KIND = { go: "go", unsure: "unsure", "no go": "no" };
 
 // When a still arrived, from the name of its session, in ms; NaN where it does not tell.
