@@ -152,7 +152,7 @@ def test_a_console_with_a_bench_takes_photographs_too(
     hub = idle_hub(tmp_path)
     with served(hub) as (host, port), opened_page(browser, f"http://{host}:{port}/") as page:
         page.wait_for_selector("body.mine")
-        page.click("nav >> text=Photographs")
+        page.click("nav a[href='/photographs']")
         send(page, stills.reference, stills.again)
         import_all(page, "wall")
         assert page.locator(".picture-choice").count() == 2
