@@ -193,9 +193,8 @@ def test_a_camera_that_was_taken_away_is_opened_again(browser: Browser, guide: S
         }""")
         page.wait_for_selector("#fault >> text=opens it again")
         page.wait_for_selector("#verdict.no >> text=Waiting for the computer")
-        page.wait_for_function(
-            "window.guide.track !== window.first && window.guide.track.readyState === 'live'"
-        )
+        other = "window.guide.track !== window.first && window.guide.track.readyState === 'live'"
+        wait_until(lambda: page.evaluate(other), "the camera is opened again")
         page.wait_for_selector("#verdict.go")
         assert page.is_hidden("#fault")
 
