@@ -132,10 +132,20 @@ def approach(
     )
 
 
-def greens(reference: GuideReference, frames: tuple[bytes, ...]) -> int:
-    """How many frames of another scene are called good."""
-    live = LiveGuidance(Judge(reference))
-    return sum(live.look(frame).verdict == "go" for frame in frames)
+def pairs_of(frames: tuple[bytes, ...], stride: int) -> list[bytes]:
+    """Every so many-th frame with the one after it: alone, none is good, as motion is not known."""
+    return [frame for at in range(0, len(frames) - 1, stride) for frame in frames[at : at + 2]]
+
+
+def greens(reference: GuideReference, pairs: list[bytes], period_s: float) -> int:
+    """How many frames of another scene are called good, taken ``period_s`` apart."""
+    now_s = 0.0
+    live = LiveGuidance(Judge(reference), clock=lambda: now_s)
+    found = 0
+    for frame in pairs:
+        now_s += period_s
+        found += live.look(frame).verdict == "go"
+    return found
 
 
 def search_s(reference: GuideReference, frame: bytes) -> float:
@@ -148,11 +158,61 @@ def search_s(reference: GuideReference, frame: bytes) -> float:
     return time.process_time() - begin_s if is_found else inf
 
 
+def through_lens(levels: NDArray[np.uint8], k1: float, zoom: float) -> NDArray[np.uint8]:
+    """A frame of another lens: radii grow by ``1 + k1 r**2`` (r = 1 in the corners) times zoom."""
+    rows, cols = levels.shape
+    y, x = np.mgrid[:rows, :cols].astype(np.float32)
+    centre_x, centre_y = (cols - 1) / 2, (rows - 1) / 2
+    x, y = (x - centre_x) / zoom, (y - centre_y) / zoom
+    stretch = 1 - k1 * (x**2 + y**2) / np.float32(centre_x**2 + centre_y**2)  # to first order in k1
+    made = cv2.remap(
+        levels,
+        (centre_x + stretch * x).astype(np.float32),
+        (centre_y + stretch * y).astype(np.float32),
+        cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(made, np.uint8)
+
+
+def misled(reference: GuideReference, frame: NDArray[np.uint8]) -> dict[str, float]:
+    """What is said of a frame that was taken from the reference's own pose by another lens."""
+    live = LiveGuidance(Judge(reference))
+    found = live.look(frame_of(frame)).deviation
+    if found is None:
+        return dict.fromkeys(("distance", "aim", "tilt", "turn"), inf)
+    return {str(name): cost for name, cost in found.costs.items()}
+
+
 def _text(errors: PoseErrors) -> str:
     return (
         f"{errors.distance_percent:5.1f} {errors.aim_percent:5.1f} {errors.tilt_deg:5.1f} "
         f"{errors.turn_deg:5.1f}"
     )
+
+
+LENSES = {"k1": (0.01, 0.02, 0.05, 0.1), "breathing, %": (1.0, 2.0, 3.0, 5.0)}
+
+
+def _lenses(
+    record: Recorder, walls: dict[str, Wall], references: dict[str, GuideReference]
+) -> None:
+    """What a lens does to the verdict that is not the reference's, or focuses elsewhere."""
+    record.say("\n  at the reference's pose: cost in tolerances, median of the scenes and largest")
+    rng = np.random.default_rng(1)
+    for kind, values in LENSES.items():
+        for value in values:
+            k1, zoom = (value, 1.0) if kind == "k1" else (0.0, 1 + value / 100)
+            costs = [
+                max(
+                    misled(
+                        references[name], through_lens(wall.seen([HeldPose()], rng), k1, zoom)
+                    ).values()
+                )
+                for name, wall in walls.items()
+            ]
+            record.say(f"  {kind:14} {value:5g} {np.median(costs):8.2f} {max(costs):8.2f}")
+            record.figure(f"{kind} {value:g}: largest cost", max(costs), "tolerances")
 
 
 @benchmark("numpy", "scipy", "opencv-contrib-python-headless")
@@ -166,20 +226,24 @@ def main(
     """Guide a hand before ten pictures, and show it the wrong ones."""
     names = SCENES[: record.pick(len(SCENES), 3)]
     runs: dict[str, Approach] = {}
+    walls: dict[str, Wall] = {}
     references: dict[str, GuideReference] = {}
     record.say(f"  {'scene':10} start: %, aim, tilt, turn    took s   left: %, aim, tilt, turn")
     with TemporaryDirectory() as folder:
         for number, name in enumerate(names):
             rng = np.random.default_rng([seed, number])
-            wall = Wall.of(scene_levels(name), FRAME, FOCAL_PER_SIDE)
+            wall = walls[name] = Wall.of(scene_levels(name), FRAME, FOCAL_PER_SIDE)
             references[name] = reference_of(wall, Path(folder) / f"{name}.jpg", rng)
             run = approach(wall, references[name], rng, period_s=1 / poses, age_s=age)
             runs[name] = run
             record.say(f"  {name:10} {_text(run.start)} {run.took_s:8.2f}   {_text(run.errors)}")
     guided = sum(run.is_guided for run in runs.values())
-    shown = {name: runs[name].frames[:: record.pick(10, 20)] for name in names}
+    shown = {name: pairs_of(runs[name].frames, record.pick(10, 20)) for name in names}
     wrong = sum(
-        greens(references[one], shown[other]) for one in names for other in names if one != other
+        greens(references[one], shown[other], 1 / poses)
+        for one in names
+        for other in names
+        if one != other
     )
     count = (len(names) - 1) * sum(map(len, shown.values()))
     again = [search_s(references[name], runs[name].frames[0]) for name in names]
@@ -187,6 +251,7 @@ def main(
         f"\n{guided} of {len(names)} guided; {wrong} good verdicts on {count} frames of wrong "
         "scenes"
     )
+    _lenses(record, walls, references)
     record.figure("guided", guided, f"of {len(names)}")
     record.figure("longest approach", max(run.took_s for run in runs.values()), "s")
     record.figure("good verdicts on wrong scenes", wrong, "frames")

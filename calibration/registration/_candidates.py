@@ -86,6 +86,11 @@ _OPEN_SIGNIFICANCE = 3.5
 _OPEN_MATCHES = 12
 """Standard deviations, or matched features, from which a closer look may show more."""
 
+_GROWTH = 1.2
+"""Least ratio of the significance to that at half the resolution for a still closer look. With four
+times the pixels it doubles where the photographs agree: by 1.5 and more at the poses of real pairs
+that needed a closer look. By chance it stays: 3.6 to 4.5 at each of five resolutions."""
+
 _TRUSTED_MATCHES = 20
 _RIVAL_CORRELATION = 0.6
 _RIVAL_EVIDENCE = 0.3
@@ -247,8 +252,13 @@ def _judged(
     while factor > 1:
         factor //= 2
         finer = _refined_and_judged(pair, hypothesis, found.directed, [factor])
-        if finer is not None and finer.agreement.significance > found.agreement.significance:
+        if finer is None:
+            continue
+        before, now = (one.agreement.significance for one in (found, finer))
+        if now > before:
             found = finer
+        if now < _GROWTH * before and not found.is_significant:
+            break
     return found
 
 

@@ -99,12 +99,28 @@ class ImageFeatures:
         self, followup: Self, ratio: float, mask: NDArray[np.uint8] | None = None
     ) -> NDArray[np.int64]:
         """Numbers of matching features, follow-up's and reference's, shape (n, 2), best first."""
+        return self.nearest_to(followup, mask).within(ratio)
+
+    def nearest_to(
+        self, followup: Self, mask: NDArray[np.uint8] | None = None
+    ) -> "NearestFeatures":
+        """The two nearest features of each of the follow-up's, where the mask allows."""
         if min(len(self.points_px), len(followup.points_px)) < 2:
-            return np.zeros((0, 2), dtype=np.int64)
-        candidates = cv2.BFMatcher(cv2.NORM_L2).knnMatch(
-            followup.descriptors, self.descriptors, 2, mask
+            return NearestFeatures(())
+        return NearestFeatures(
+            cv2.BFMatcher(cv2.NORM_L2).knnMatch(followup.descriptors, self.descriptors, 2, mask)
         )
-        found = [one for one in candidates if _is_distinct(one, ratio)]
+
+
+@dataclass(frozen=True, slots=True)
+class NearestFeatures:
+    """Candidates of matches, which are chosen by the ratio test of Lowe (2004), section 7.1."""
+
+    candidates: Sequence[Sequence[cv2.DMatch]]
+
+    def within(self, ratio: float) -> NDArray[np.int64]:
+        """Numbers of matching features, follow-up's and reference's, shape (n, 2), best first."""
+        found = [one for one in self.candidates if _is_distinct(one, ratio)]
         found.sort(key=_ambiguity)
         return np.array(
             [(one[0].queryIdx, one[0].trainIdx) for one in found], dtype=np.int64

@@ -29,6 +29,7 @@ from calibration.registration._agreement import AlignedPhotograph, locally_norma
 from calibration.registration._distorted_pose import FeatureMatches
 from calibration.registration._features import (
     ImageFeatures,
+    NearestFeatures,
     RegistrationHints,
     features_of,
     homography_pose,
@@ -105,14 +106,16 @@ def feature_poses(
 ) -> Iterator[PoseHypothesis]:
     """Hypotheses of matched features, near the expected zoom, follow-up over reference, if any."""
     if zoom is not None:
-        for one in _consistent(near, far, _centred_mask(near, far, zoom), zoom):
+        nearest = near.nearest_to(far, _centred_mask(near, far, zoom))
+        for one in _consistent(near, far, nearest, zoom):
             yield replace(one, is_expected=True)
     scales = None
     if zoom is not None:
         ratio = np.log(near.frames[:, 0] / zoom) - np.log(far.frames[:, :1])
         scales = (np.abs(ratio) < _SCALE_TOLERANCE).astype(np.uint8)
-    yield from _consistent(near, far, scales, zoom)
-    yield from _voted(near, far, scales, zoom)
+    nearest = near.nearest_to(far, scales)
+    yield from _consistent(near, far, nearest, zoom)
+    yield from _voted(near, far, nearest, zoom)
 
 
 def _centred_mask(near: ImageFeatures, far: ImageFeatures, zoom: float) -> NDArray[np.uint8]:
@@ -134,10 +137,10 @@ def within(left: FloatArray, right: FloatArray, reach_px: float) -> NDArray[np.u
 
 
 def _consistent(
-    near: ImageFeatures, far: ImageFeatures, mask: NDArray[np.uint8] | None, zoom: float | None
+    near: ImageFeatures, far: ImageFeatures, nearest: NearestFeatures, zoom: float | None
 ) -> Iterator[PoseHypothesis]:
     """Homographies on which many matches agree, each without those of the ones before it."""
-    pairs = near.pairs_with(far, _RATIO, mask)
+    pairs = nearest.within(_RATIO)
     for _ in range(_ROUNDS):
         if len(pairs) < _INLIERS_MIN:
             return
@@ -153,7 +156,7 @@ def _consistent(
 
 
 def _voted(
-    near: ImageFeatures, far: ImageFeatures, mask: NDArray[np.uint8] | None, zoom: float | None
+    near: ImageFeatures, far: ImageFeatures, nearest: NearestFeatures, zoom: float | None
 ) -> Iterator[PoseHypothesis]:
     """Similarities for which most matches vote: each match alone gives one.
 
@@ -161,7 +164,7 @@ def _voted(
     ----------
     D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004, section 7.3.
     """
-    pairs = near.pairs_with(far, _LOOSE_RATIO, mask)[:_LOOSE_MATCHES]
+    pairs = nearest.within(_LOOSE_RATIO)[:_LOOSE_MATCHES]
     if len(pairs) < _VOTES_MIN:
         return
     own, other = near.points_px[pairs[:, 1]], far.points_px[pairs[:, 0]]

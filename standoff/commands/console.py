@@ -6,7 +6,7 @@ import json
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 from urllib.parse import quote
 
 import typer
@@ -18,18 +18,24 @@ from standoff import terminal
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
 
+if TYPE_CHECKING:
+    from acquisition.bench import BenchConfig
+    from calibration.geometry import CharucoBoard
+    from standoff.console import BenchHub, GivenCurves
+
 DEFAULT_PORT = 8470
 
 
-@terminal.command()
+@terminal.command(*(terminal.needs(option, "bench") for option in ("plans", "board", "settings")))
 def console(
     *,
-    bench: terminal.BenchFile,
+    bench: Annotated[Path | None, Option("--bench")] = None,
     sessions: Path = Path("sessions"),
     plans: Annotated[list[Path] | None, Option(metavar="FOLDER")] = None,
     port: Annotated[int, Option(min=0, max=65535)] = DEFAULT_PORT,
     host: str = "127.0.0.1",
     token: Annotated[str | None, Option(envvar="STANDOFF_TOKEN")] = None,
+    https: Annotated[bool, Option("--https")] = False,
     curves: Path | None = None,
     min_dprime: Annotated[float, Option("--min-dprime")] = 2.0,
     choice: terminal.Choice,
@@ -38,16 +44,20 @@ def console(
 ) -> None:
     """Serve the operator console as a web page on this computer, until Ctrl-C.
 
-    Closing the page changes nothing: this program controls the bench.
+    With a bench file it controls the bench; closing the page changes nothing. Without one it is for
+    photographs: they are dropped on its page or sent from a phone, imported, and compared.
 
     Options
     -------
+    bench: Bench file (TOML); without it the console has no camera and no stage.
     sessions: Folder for capture sessions; created with the first one.
     plans: Folder of capture plans, besides the bench file's; may be repeated. New plans are written
         to the first, or to plans in the folder of sessions.
     port: Port to listen on; 0 picks a free one.
     host: Address to listen on; other computers need --token.
     token: Secret for opening the console; safer in the environment than here.
+    https: Encrypt connections, with a certificate made for this run. Other computers and phones
+        need this to send photographs.
     curves: curves.json for judging the camera's pose.
     min_dprime: Lowest d' that is good enough.
     board: The ChArUco board for levelling the camera.
@@ -58,9 +68,8 @@ def console(
         )
     from standoff.console import (
         MIN_TOKEN_CHARS,
-        BenchHub,
+        ConsoleHub,
         GivenCurves,
-        bench_drivers,
         is_loopback_host,
         open_socket,
         serve,
@@ -71,22 +80,21 @@ def console(
     layout = terminal.charuco_board(board)
     for folder in (sessions, *(plans or ())):
         require_folder(folder)
-    config = terminal.read_bench(bench, settings)
-    hub = BenchHub(
-        config,
-        bench_drivers(config),
-        sessions=sessions,
-        plan_folders=(
-            *(plans or (sessions / "plans",)),
-            bench.parent,
-            shipped_config("demo_plan.toml").parent,
-        ),
-        curves=GivenCurves(path=curves, min_dprime=min_dprime, choice=choice),
-        board=layout,
-    )
+    given = GivenCurves(path=curves, min_dprime=min_dprime, choice=choice)
+    if bench is None:
+        hub = ConsoleHub(sessions=sessions, curves=given)
+    else:
+        config = terminal.read_bench(bench, settings)
+        folders = *(plans or (sessions / "plans",)), bench.parent
+        hub = _bench_hub(config, sessions, folders, given, layout)
+    certificate = None
+    if https:
+        from standoff.console.guide import made_certificate, qr_text
+
+        certificate = made_certificate(host)
     with open_socket(host, port) as bound:
         shown = f"[{host}]" if ":" in host else host
-        url = f"http://{shown}:{bound.getsockname()[1]}/"
+        url = f"http{'s' * https}://{shown}:{bound.getsockname()[1]}/"
         entry = url if token is None else f"{url}login?token={quote(token)}"
 
         def ready() -> None:
@@ -94,17 +102,42 @@ def console(
                 typer.echo(json.dumps({"url": url}))
             else:
                 terminal.say(f"console at {entry}; Ctrl-C ends")
-                if token is not None:
+                if certificate is not None:
+                    if token is not None:
+                        terminal.say(qr_text(entry))
+                    terminal.say(f"SHA-256 of the certificate: {certificate.fingerprint}")
+                elif token is not None:
                     terminal.note(
-                        "the connection is not encrypted: use it only on a network that you trust"
+                        "the connection is not encrypted: use it only on a network that you trust, "
+                        "or give --https"
                     )
             sys.stdout.flush()
 
         hub.start()
         try:
-            serve(console_app(hub, token=token), bound, ready=ready)
+            tls = None if certificate is None else certificate.context
+            serve(console_app(hub, token=token), bound, ready=ready, tls=tls)
         finally:
             hub.close()
+
+
+def _bench_hub(
+    config: BenchConfig,
+    sessions: Path,
+    plan_folders: tuple[Path, ...],
+    curves: GivenCurves,
+    board: CharucoBoard,
+) -> BenchHub:
+    from standoff.console import BenchHub, bench_drivers
+
+    return BenchHub(
+        config,
+        bench_drivers(config),
+        sessions=sessions,
+        plan_folders=(*plan_folders, shipped_config("demo_plan.toml").parent),
+        curves=curves,
+        board=board,
+    )
 
 
 def _refuse_open_door(host: str, token: str | None, least_chars: int, *, is_loopback: bool) -> None:

@@ -1,11 +1,11 @@
-"""The bench as the console sees it: devices, picture, session; it outlives every page."""
+"""What persists while pages come and go: sessions, their results, and the bench if there is one."""
 
 import shutil
 import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Event, Lock
+from threading import Lock
 
 from acquisition.bench import BenchConfig
 from acquisition.errors import DeviceDisconnectedError
@@ -16,6 +16,7 @@ from standoff.console.control_arbiter import ControlArbiter
 from standoff.console.devices import BenchDrivers
 from standoff.console.focus_sweep import FocusSweepRun
 from standoff.console.frames import FrameBroadcaster
+from standoff.console.guide import ReferenceShelf
 from standoff.console.jobs import JobRunner, PromptQueue, StageStop
 from standoff.console.monitors import (
     PictureMonitor,
@@ -24,6 +25,7 @@ from standoff.console.monitors import (
     SquarenessMonitor,
     TrackerMaker,
 )
+from standoff.console.photographs import PHOTOGRAPHS_FOLDER, PhotographInbox
 from standoff.console.plans import PlanLibrary
 from standoff.console.pose_curves import GivenCurves, PoseCurves
 from standoff.console.result_jobs import ResultJobs
@@ -46,66 +48,25 @@ class Notice:
     text: str
 
 
-class BenchHub:
-    """Owns everything that persists while pages come and go.
+class ConsoleHub:
+    """Owns sessions, results, photographs that arrive, and who is in control.
 
-    ``curves`` judge poses at first; the ``board`` under the camera is for levelling it.
+    Without a bench this is all of a console. ``curves`` judge poses at first.
     """
 
-    def __init__(
-        self,
-        bench: BenchConfig,
-        drivers: BenchDrivers,
-        *,
-        sessions: Path,
-        plan_folders: tuple[Path, ...] = (),
-        curves: GivenCurves | None = None,
-        board: CharucoBoard = DEFAULT_BOARD,
-    ) -> None:
-        self.bench = bench
-        self.clock = drivers.clock
-        self.snapshots = SnapshotLibrary(sessions / SNAPSHOTS_FOLDER)
+    def __init__(self, *, sessions: Path, curves: GivenCurves | None = None) -> None:
         self.sessions = SessionLibrary(sessions)
-        self.plans = PlanLibrary(plan_folders)
+        self.photographs = PhotographInbox(sessions / PHOTOGRAPHS_FOLDER)
+        self.references = ReferenceShelf(sessions, sessions / PHOTOGRAPHS_FOLDER / "guided")
         self.control = ControlArbiter()
         self.jobs = JobRunner(self.tell)
-        self.prompts = PromptQueue(self._check_job)
-        self.frames = FrameBroadcaster()
-        self.camera = CameraService(
-            drivers.open_camera,
-            self.frames,
-            report=self.tell,
-            return_s=bench.camera.reconnect_timeout_s,
-        )
-        self.stage = StageService(
-            lambda is_again: drivers.open_stage(is_again, self.prompts.ask),
-            limits_mm=bench.stage.limits_mm,
-        )
-        self.stopping = StageStop(self.stage, self.tell)
         self.compiling = CompileWatch()
-        self.picture = PictureMonitor(self.frames)
-        optics = bench.optics
-        self.sharpness = SharpnessMonitor(self.frames, optics.pixel_pitch_um)
-        self.squareness = SquarenessMonitor(
-            self.frames, board, 1e3 * optics.focal_length_mm / optics.pixel_pitch_um
-        )
-        self.sweep = FocusSweepRun(bench, self.camera, self.stage, clock=drivers.clock)
-        self.pose = PoseMonitor(self.frames, None, report=self.tell)
-        self._monitors = (self.picture, self.pose, self.sharpness, self.squareness)
-        self.run = SessionRun(
-            bench,
-            self.camera,
-            self.stage,
-            self.prompts,
-            drivers=drivers,
-        )
         self.results = ResultJobs(sessions)
         self.curves = PoseCurves(sessions, curves or GivenCurves(), self._judge_by)
         self._lock = Lock()
         self._notices: deque[Notice] = deque(maxlen=NOTICES)
         self._told = 0
         self._disk: tuple[float, int] = (float("-inf"), 0)
-        self._is_closing = Event()
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -136,24 +97,94 @@ class BenchHub:
             self._notices.append(Notice(number=self._told, text=text))
 
     def start(self) -> None:
-        """Open the devices and start watching them, in threads."""
+        """Begin to work, in threads."""
         self.compiling.start()
+
+    def stop(self) -> int:
+        """Stop the current job; returns the stop's number at once, in any thread."""
+        job = self.jobs.current
+        if job is not None:
+            job.ask_stop()
+        return 0
+
+    def close(self) -> None:
+        """Stop the current job."""
+        job = self.jobs.current
+        if job is not None:
+            self.stop()
+            job.ended.wait(CLOSE_TIMEOUT_S)
+        self.references.close()
+
+    def _judge_by(self, _: TrackerMaker | None, words: tuple[str, ...]) -> None:
+        self.results.judge_by(words)
+
+
+class BenchHub(ConsoleHub):
+    """Owns everything of a bench as well: its devices, the live picture, and the running session.
+
+    The ``board`` under the camera is for levelling it.
+    """
+
+    def __init__(
+        self,
+        bench: BenchConfig,
+        drivers: BenchDrivers,
+        *,
+        sessions: Path,
+        plan_folders: tuple[Path, ...] = (),
+        curves: GivenCurves | None = None,
+        board: CharucoBoard = DEFAULT_BOARD,
+    ) -> None:
+        self.bench = bench
+        self.clock = drivers.clock
+        self.frames = FrameBroadcaster()
+        self.pose = PoseMonitor(self.frames, None, report=self.tell)
+        super().__init__(sessions=sessions, curves=curves)
+        self.snapshots = SnapshotLibrary(sessions / SNAPSHOTS_FOLDER)
+        self.plans = PlanLibrary(plan_folders)
+        self.prompts = PromptQueue(self._check_job)
+        self.camera = CameraService(
+            drivers.open_camera,
+            self.frames,
+            report=self.tell,
+            return_s=bench.camera.reconnect_timeout_s,
+        )
+        self.stage = StageService(
+            lambda is_again: drivers.open_stage(is_again, self.prompts.ask),
+            limits_mm=bench.stage.limits_mm,
+        )
+        self.stopping = StageStop(self.stage, self.tell)
+        self.picture = PictureMonitor(self.frames)
+        optics = bench.optics
+        self.sharpness = SharpnessMonitor(self.frames, optics.pixel_pitch_um)
+        self.squareness = SquarenessMonitor(
+            self.frames, board, 1e3 * optics.focal_length_mm / optics.pixel_pitch_um
+        )
+        self.sweep = FocusSweepRun(bench, self.camera, self.stage, clock=drivers.clock)
+        self._monitors = (self.picture, self.pose, self.sharpness, self.squareness)
+        self.run = SessionRun(
+            bench,
+            self.camera,
+            self.stage,
+            self.prompts,
+            drivers=drivers,
+        )
+
+    def start(self) -> None:
+        """Open the devices and start watching them, in threads."""
+        super().start()
         for part in (self.camera, self.stage, *self._monitors):
             part.start()
 
     def stop(self) -> int:
         """Stop the stage and the current job; returns the stop's number at once, in any thread."""
         job = self.jobs.current
-        if job is not None:
-            job.ask_stop()
+        super().stop()
         return self.stopping.order(job)
 
     def close(self) -> None:
         """Stop the current job, and release the devices."""
-        job = self.jobs.current
-        if job is not None:
-            self.stop()
-            job.ended.wait(CLOSE_TIMEOUT_S)
+        super().close()
         for part in (*self._monitors, self.camera, self.stage):
             part.close()
 
@@ -171,7 +202,7 @@ class BenchHub:
 
     def _judge_by(self, make_tracker: TrackerMaker | None, words: tuple[str, ...]) -> None:
         self.pose.judge_by(make_tracker)
-        self.results.judge_by(words)
+        super()._judge_by(make_tracker, words)
 
     def _check_job(self) -> None:
         job = self.jobs.current

@@ -58,6 +58,7 @@ _TYPED = {
     "reason": ("reason", ""),
     "text": ("answer", ""),
     "name": ("name", ""),
+    "kind": ("kind of photograph", ""),
 }
 """Fields that an operator types in or chooses: their names on the page, and their units."""
 

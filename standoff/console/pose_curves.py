@@ -10,7 +10,7 @@ from threading import Lock
 
 from acquisition.printable import on_one_line
 from acquisition.session import MANIFEST_NAME
-from analysis.detectability import DetectabilityCurves
+from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 from standoff.console.monitors import TrackerMaker, tracker_maker
 from standoff.console.session_library import CURVES_FOLDER
 from standoff.errors import REPORTED_ERRORS, ApplicationError, ArgumentError
@@ -98,6 +98,12 @@ class PoseCurves:
             document = read_any_curves(given.path)
             chosen = [each.choice for each in document.curves].index(curve.choice)
             self._use(on_one_line(str(given.path)), given.path, document, chosen)
+
+    @property
+    def curve(self) -> DetectabilityCurve | None:
+        """The curve that is chosen; None without one."""
+        chosen, document = self.view.chosen, self._document
+        return None if chosen is None or document is None else document.curves[chosen]
 
     def files(self) -> tuple[str, ...]:
         """Names of the files to choose from: the one given at the start, those of the sessions."""

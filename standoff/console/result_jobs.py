@@ -17,16 +17,27 @@ from pathlib import Path
 from threading import Lock, Thread
 from typing import IO, Any, Literal
 
+from acquisition.choices import ExportFormat
 from acquisition.errors import OperatorStopError
 from acquisition.printable import on_one_line
 from acquisition.session import CaptureRecord, Session
 from acquisition.untrusted import parse_json
 from standoff.console.jobs import Job
+from standoff.console.photographs import (
+    ImportRequest,
+    PhotographInbox,
+    import_arrived,
+    photograph_file,
+)
 from standoff.console.results import (
+    EXPORTS,
     FILES,
+    TEXTURED,
     TITLES,
     ResultFiles,
     ResultKind,
+    heights_of,
+    key_figures,
     missing_for,
     pair_files,
     read_document,
@@ -281,12 +292,14 @@ class ResultRequest:
     """A result to be computed; ``is_replacing`` says that an earlier one may be overwritten.
 
     A pose or changes are judged of the ``followup``'s record against the ``reference``: path of its
-    file, and what to call it.
+    file, and what to call it; a PSF of both is that of two distances, the reference the nearer. An
+    export has a ``file_format``.
     """
 
     session: Path
     kind: ResultKind
     is_replacing: bool = False
+    file_format: ExportFormat = "ome-tiff"
     reference: tuple[Path, str] | None = None
     followup: CaptureRecord | None = None
 
@@ -296,7 +309,8 @@ class ResultProgress:
     """The result that is being computed, or the last one; ``message`` says how it ended.
 
     ``number`` counts the results since the console began, ``begun_s`` is on the monotonic clock.
-    ``is_alarming`` says that the message calls for a look at the bench.
+    ``is_alarming`` says that the message calls for a look at the bench, ``page`` is the name of the
+    page of two captures' comparison.
     """
 
     number: int = 0
@@ -309,6 +323,7 @@ class ResultProgress:
     progress: CommandProgress = field(default_factory=lambda: CommandProgress(text=""))
     message: str = ""
     is_alarming: bool = False
+    page: str = ""
 
 
 class ResultJobs:
@@ -356,18 +371,41 @@ class ResultJobs:
 
     def work(self, job: Job, request: ResultRequest) -> None:
         """Compute a result; after a calibration also whether the lens has moved."""
+
+        def compute() -> str:
+            _refuse_links(request.session)
+            make_folder(request.session / RESULTS_FOLDER)
+            return self._compute(job, request)
+
+        self._show_through(self.name_of(request), request.session, request.kind, compute)
+
+    def import_photographs(self, job: Job, inbox: PhotographInbox, request: ImportRequest) -> None:
+        """Make a session of photographs that have arrived."""
+
+        def run(words: Sequence[str], job: Job) -> object:
+            return self._run(words, check=job.check, tell=self._tell)
+
+        self._show_through(
+            f"importing photographs into {request.session.name}",
+            request.session,
+            "import",
+            lambda: import_arrived(inbox, request, job, run),
+        )
+
+    def _show_through(
+        self, title: str, session: Path, kind: str, compute: Callable[[], str]
+    ) -> None:
+        """Do the work of a job, and show how it goes on and ends."""
         self.view = ResultProgress(
             number=self.view.number + 1,
             begun_s=time.monotonic(),
-            session=request.session.name,
-            kind=request.kind,
-            title=self.name_of(request),
+            session=session.name,
+            kind=kind,
+            title=title,
             state="running",
         )
         try:
-            _refuse_links(request.session)
-            make_folder(request.session / RESULTS_FOLDER)
-            message = self._compute(job, request)
+            message = compute()
         except OperatorStopError:
             self._show(state="stopped", message="Cancelled.")
             raise
@@ -380,15 +418,35 @@ class ResultJobs:
         if request.kind == "compare":
             return self._compare(job, request.session)
         words = self._words(request)
+        kept = self._kept(request)
+        if kept is not None and request.kind == "verify":
+            kept.unlink(missing_ok=True)  # if it fails now, what was right earlier does not stay
         document = self._run(words, check=job.check, tell=self._tell)
-        if request.kind == "pose":
-            path = request.session / RESULTS_FOLDER / self._pair(request).document
-            write_file(path, json.dumps(document, allow_nan=False).encode("utf-8"))
+        if kept is not None:
+            write_file(kept, json.dumps(document, allow_nan=False).encode("utf-8"))
+        if request.kind in ("pose", "changes"):
+            return self._compared(request)
         if request.kind != "calibrate":
             return ""
         (request.session / RESULTS_FOLDER / FILES["compare"].document).unlink(missing_ok=True)
         self._tell(CommandProgress(text="comparing with the last calibration of this camera"))
         return self._compare(job, request.session)
+
+    def _compared(self, request: ResultRequest) -> str:
+        """What was found of a pair, in its line of figures; its page can be opened."""
+        files = self._pair(request)
+        results = request.session / RESULTS_FOLDER
+        if (results / files.page).is_file():
+            self._show(page=files.page)
+        told = key_figures(request.kind, results / files.document)
+        return "" if told is None else told.text
+
+    def _kept(self, request: ResultRequest) -> Path | None:
+        """Where the document goes that a command prints and does not write."""
+        results = request.session / RESULTS_FOLDER
+        if request.kind == "pose":
+            return results / self._pair(request).document
+        return results / FILES["verify"].document if request.kind == "verify" else None
 
     def _compare(self, job: Job, session: Path) -> str:
         """Compare a calibration with the last one of its camera, and keep what was found."""
@@ -419,6 +477,15 @@ class ResultJobs:
         session, force = request.session, ["--force"] * request.is_replacing
         results = session / RESULTS_FOLDER
         match request.kind:
+            case "calibrate" if request.reference is not None or not _has_edges(session):
+                out = results / FILES["calibrate"].document
+                return ["calibrate", *force, f"--out={out}", *_blind_words(request)]
+            case "verify":
+                return ["verify", "--", str(session)]
+            case "export":
+                out = results / EXPORTS[request.file_format]
+                of = f"--format={request.file_format}"
+                return ["export", *force, of, f"--out={out}", "--", str(session)]
             case "calibrate" | "geometry" | "noise" as kind:
                 files = FILES[kind]
                 return [
@@ -470,6 +537,23 @@ class ResultJobs:
             self.view = replace(self.view, **changes)  # type: ignore[arg-type]  # names and types are ResultProgress's
 
 
+def _has_edges(session: Path) -> bool:
+    return any(record.kind == "edge" for record in Session(session).records)
+
+
+def _blind_words(request: ResultRequest) -> list[str]:
+    """What to measure the PSF on without an edge target: a scene at two distances, else scenes."""
+    if request.reference is not None:
+        files = [str(request.reference[0]), str(_followup_file(request))]
+        return ["--method=two-distance", "--", *files]
+    opened = Session(request.session)
+    scenes = [record for record in opened.records if record.kind in TEXTURED]
+    if heights_of(scenes, TEXTURED) > 1:
+        return ["--method=two-distance", f"--session={request.session}"]
+    files = [str(photograph_file(request.session, record)) for record in scenes]
+    return ["--method=single-image", "--", *files]
+
+
 def _refuse_links(session: Path) -> None:
     """Check that results are written into the session, and not where a link in it leads."""
     results = session / RESULTS_FOLDER
@@ -481,4 +565,4 @@ def _refuse_links(session: Path) -> None:
 def _followup_file(request: ResultRequest) -> Path:
     """Path of the follow-up's file."""
     assert request.followup is not None
-    return request.session / request.followup.file
+    return photograph_file(request.session, request.followup)

@@ -8,7 +8,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
-from acquisition.regular_files import read_regular_file
+from acquisition.choices import ExportFormat
+from acquisition.regular_files import read_regular_file, size_text
 from acquisition.session import CaptureRecord, Session
 from acquisition.untrusted import parse_json
 from analysis.choices import acceptance
@@ -20,7 +21,16 @@ MAX_RESULT_BYTES = 50 * 10**6
 LONGEST_LINE = 400
 BEST_ALIGNMENT = "followup-grid"
 ResultKind = Literal[
-    "calibrate", "compare", "geometry", "noise", "validate", "pose", "changes", "report"
+    "calibrate",
+    "compare",
+    "geometry",
+    "noise",
+    "validate",
+    "pose",
+    "changes",
+    "report",
+    "verify",
+    "export",
 ]
 
 TEXTURED = ("texture", "chart")
@@ -65,10 +75,14 @@ FILES: Mapping[ResultKind, ResultFiles] = {
     "noise": ResultFiles(document="noise.json", page="noise.html"),
     "validate": ResultFiles(document="validation/validation.json", page="validation/report.html"),
     "report": ResultFiles(document="", page="report.html"),
+    "verify": ResultFiles(document="verify.json", page=""),
 }
 
+EXPORTS: Mapping[ExportFormat, str] = {"ome-tiff": "export.ome.tif", "nexus": "export.nxs"}
+"""Files that a browser can fetch, by format; OME-Zarr is a folder."""
+
 TITLES: Mapping[ResultKind, tuple[str, str, str]] = {
-    "calibrate": ("PSF", "sharpness of the camera, from edges", "calibrating"),
+    "calibrate": ("PSF", "sharpness of the camera, from edges or a scene", "calibrating"),
     "compare": ("Lens", "has it moved since the last calibration?", "comparing the PSF of"),
     "geometry": (
         "Geometry",
@@ -80,6 +94,8 @@ TITLES: Mapping[ResultKind, tuple[str, str, str]] = {
     "pose": ("Pose", "can two captures be compared?", "judging a pose of"),
     "changes": ("Changes", "what differs between two captures", "finding changes in"),
     "report": ("Report", "the session and its results on one page", "writing the report on"),
+    "verify": ("Verify", "is every file as the journal says?", "verifying"),
+    "export": ("Export", "all captures in one file for other programs", "exporting"),
 }
 """Title, explanation, and the job's name in front of the session's."""
 
@@ -143,6 +159,25 @@ def _values(figures: Sequence[Figure], document: Mapping[str, Any]) -> str:
     return ", ".join(told)
 
 
+def _psf(document: Mapping[str, Any]) -> str:
+    """Its values; one that no edge target gave is said to be so."""
+    told = _values(FIGURES["calibrate"], document)
+    said = BLIND.get(str(document.get("method")))
+    return f"{told}; {said}" if told and said else told
+
+
+BLIND = {
+    "single-image": "from edges that the scene happens to have, taken for sharp",
+    "two-distance": "from one scene at two distances, taken for Gaussian",
+}
+
+
+def _verified(document: Mapping[str, Any]) -> str:
+    files = document["files"]
+    good = sum(one["state"] == "ok" for one in files)
+    return f"{good} of {len(files)} files match the journal"
+
+
 def _validation(document: Mapping[str, Any]) -> str:
     rows = [row for row in document["table_2"] if row["alignment"] == BEST_ALIGNMENT]
     best = max(rows, key=lambda row: float(row["ssim"]))
@@ -174,7 +209,8 @@ def _pose(document: Mapping[str, Any]) -> str:
 
 
 _LINES: dict[str, Callable[[Mapping[str, Any]], str]] = {
-    "calibrate": partial(_values, FIGURES["calibrate"]),
+    "calibrate": _psf,
+    "verify": _verified,
     "geometry": partial(_values, FIGURES["geometry"]),
     "noise": partial(_values, FIGURES["noise"]),
     "validate": _validation,
@@ -225,7 +261,9 @@ def results_of(session: Session, *, has_curves: bool) -> tuple[ResultView, ...]:
                 page=files.page if files is not None and has_page else "",
             )
         )
-        if files is None:
+        if kind == "export":
+            found += _exports(session)
+        elif files is None:
             found += _pairs(session.path, kind)
     return tuple(found)
 
@@ -237,14 +275,14 @@ def missing_for(session: Session, *, has_curves: bool) -> dict[ResultKind, str]:
     averaged = {record.kind for record in records if record.frames_used > 1}
     scenes = sum(record.kind not in FLAT_KINDS for record in records)
     has_psf = (session.path / RESULTS_FOLDER / FILES["calibrate"].document).is_file()
-    pairs = _heights(records, TEXTURED)
+    pairs = heights_of(records, TEXTURED)
     lacks: dict[ResultKind, str] = dict.fromkeys(TITLES, "")
-    if "edge" not in kinds:
-        lacks["calibrate"] = "Needs captures of a slanted edge."
+    if not kinds & {"edge", *TEXTURED}:
+        lacks["calibrate"] = "Needs captures of a slanted edge, or of a scene."
     if not has_psf:
         lacks["compare"] = "Needs the PSF of this session."
         lacks["validate"] = "Needs the PSF of this session."
-    if _heights(records, (*TEXTURED, "board")) < 2:
+    if heights_of(records, (*TEXTURED, "board")) < 2:
         lacks["geometry"] = "Needs a board, chart or texture captured at two heights or more."
     if "dark" not in averaged:
         lacks["noise"] = "Needs a dark capture: put the lens cap on."
@@ -254,6 +292,8 @@ def missing_for(session: Session, *, has_curves: bool) -> dict[ResultKind, str]:
         lacks["validate"] = "Needs a texture or chart captured at two heights or more."
     if not has_curves:
         lacks["pose"] = "Choose curves of d' on the bench page, or start the console with --curves."
+    if not records:
+        lacks["export"] = "Needs a capture."
     for kind in ("pose", "changes"):
         if not lacks[kind] and not scenes:
             lacks[kind] = "Needs a capture of a scene, such as a texture."
@@ -265,6 +305,13 @@ def pair_files(kind: ResultKind, name: str) -> ResultFiles:
     if kind == "pose":
         return ResultFiles(document=f"pose/{name}.json", page=f"pose/{name}.png")
     return ResultFiles(document=f"changes/{name}/changes.json", page=f"changes/{name}/report.html")
+
+
+def export_path(session: Path, name: str) -> Path | None:
+    """Path of an export that is there; None for any other name. Links are not followed."""
+    path = session / RESULTS_FOLDER / name
+    is_there = name in EXPORTS.values() and path.is_file()
+    return path if is_there and not (path.is_symlink() or path.parent.is_symlink()) else None
 
 
 def page_path(session: Path, page: str) -> Path | None:
@@ -318,7 +365,29 @@ def _pairs(session: Path, kind: ResultKind) -> list[ResultView]:
     ]
 
 
-def _heights(records: Iterable[CaptureRecord], kinds: tuple[str, ...]) -> int:
+def _exports(session: Session) -> list[ResultView]:
+    """The files that were exported."""
+    found = []
+    for name in EXPORTS.values():
+        path = export_path(session.path, name)
+        told = None if path is None else key_figures("export", path)
+        if path is not None and told is not None:
+            found.append(
+                ResultView(
+                    kind="export",
+                    title="",
+                    explanation="",
+                    is_done=True,
+                    is_outdated=told.written_utc < session.changed_utc,
+                    figures=size_text(path.stat().st_size),
+                    page=name,
+                    pair=name,
+                )
+            )
+    return found
+
+
+def heights_of(records: Iterable[CaptureRecord], kinds: tuple[str, ...]) -> int:
     """Most heights at which one target was captured in one orientation."""
     heights: dict[tuple[str, str, float], set[float]] = defaultdict(set)
     for record in records:

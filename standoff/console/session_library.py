@@ -6,7 +6,8 @@ from pathlib import Path
 
 from acquisition.errors import SessionError
 from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session
-from standoff.console.results import page_path
+from standoff.console.photographs import PHOTOGRAPHS_FOLDER
+from standoff.console.results import export_path, page_path
 from standoff.errors import ApplicationError
 from standoff.library import RESULTS_FOLDER
 
@@ -17,6 +18,7 @@ SNAPSHOTS_FOLDER = "snapshots"
 CURVES_FOLDER = "curves"
 """Of the files of curves that were sent to the console; no session can have this name either."""
 
+TAKEN_NAMES = (SNAPSHOTS_FOLDER, CURVES_FOLDER, PHOTOGRAPHS_FOLDER)
 LONGEST_NAME_BYTES = 255
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,99}")
 
@@ -48,7 +50,7 @@ class SessionSummary:
 def is_session_name(name: str) -> bool:
     """Whether a name is valid for a session's folder: no separators, no leading dot."""
     is_plain = _NAME.fullmatch(name) is not None and not name.endswith((".", " "))
-    return is_plain and name.lower() not in (SNAPSHOTS_FOLDER, CURVES_FOLDER)
+    return is_plain and name.lower() not in TAKEN_NAMES
 
 
 def _is_entry_name(name: str) -> bool:
@@ -87,7 +89,7 @@ class SessionLibrary:
         if not is_session_name(name):
             raise UnknownSessionError(
                 "a session's name has only letters, digits, spaces and . _ + -, and must begin "
-                f"with a letter or digit; it is neither {SNAPSHOTS_FOLDER!r} nor {CURVES_FOLDER!r}"
+                f"with a letter or digit; it is none of {', '.join(TAKEN_NAMES)}"
             )
         return self.folder / name
 
@@ -125,6 +127,10 @@ class SessionLibrary:
         """A result's page or picture by its name in the results folder; None if not there."""
         path = page_path(self.path_of(name), page)
         return None if path is None else path.read_bytes()
+
+    def export_of(self, name: str, file: str) -> Path | None:
+        """Path of a file that a session was exported to; None if not there."""
+        return export_path(self.path_of(name), file)
 
     def _summary(self, name: str) -> SessionSummary:
         """Read a session only if its files have changed: a journal can be long."""

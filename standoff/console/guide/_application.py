@@ -2,12 +2,13 @@
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from jinja2 import Environment, PackageLoader
 from starlette.applications import Starlette
@@ -18,21 +19,28 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from acquisition.errors import ApplicationError, ImageFileError
 from acquisition.printable import on_one_line
 from standoff.console.access import Access, AccessMiddleware
-from standoff.console.entrance import Entrance, body_of
+from standoff.console.entrance import Entrance
 from standoff.console.guide._assessment import WITHOUT_CURVES, Judge
 from standoff.console.guide._live import MOST_FRAME_BYTES, FrameError, LiveGuidance
 from standoff.console.guide._stills import StillStore
-from standoff.console.guide._uploads import PART_BYTES, Received, TryAgainError, UploadError
-
-T = TypeVar("T")
+from standoff.console.photographs import (
+    SENDING_FOLDER,
+    Received,
+    Receiver,
+    number_of,
+    text_of,
+    told_fault,
+)
 
 FOLDER = Path(__file__).parent
 OPEN_PATHS = ("/login", "/static/guide.css")
-FRAMES_WAITING = 4
-"""Frames that are on their way at one time; a phone sends two."""
+FRAMES_OF_ONE = 4
+"""Frames of one phone that are on their way at one time; its page sends two."""
+
+FRAMES_WAITING = 32
+"""Frames of all phones."""
 
 TRIED_AT_ONCE = 3
 """References that a frame is compared with to find out which of them it shows."""
@@ -59,8 +67,8 @@ class GuidedReference:
 
     @property
     def name(self) -> str:
-        """Name of its file on one line, by which the page asks for it."""
-        return on_one_line(self.judge.reference.path.name)
+        """By which the page asks for it."""
+        return self.judge.reference.name
 
 
 def guide_app(
@@ -75,7 +83,7 @@ def guide_app(
     ``fingerprint`` is the certificate's, ``tell`` is told who was let in and who guesses the token.
     """
     access = Access(token)
-    pages = _Pages(references, access, fingerprint)
+    pages = _Pages({one.name: one for one in references}, access, fingerprint)
     entrance = Entrance(
         access,
         pages.refusal,
@@ -84,39 +92,43 @@ def guide_app(
     )
     return Starlette(
         routes=[
-            Route("/", pages.page),
             Route("/login", entrance.login, methods=["GET", "POST"]),
-            Route("/reference.jpg", pages.reference),
-            Route("/frames", pages.frame, methods=["POST"]),
-            Route("/find", pages.find, methods=["POST"]),
-            Route("/stills", pages.stills),
-            Route("/stills", pages.announce, methods=["POST"]),
-            Route("/stills/{sha256}", pages.part, methods=["PUT"]),
-            Route("/stills/{name}", pages.still),
-            Route("/stills/{name}/{which}", pages.picture),
-            Mount("/static", StaticFiles(directory=FOLDER / "static")),
+            *pages.routes(),
         ],
         middleware=[
             Middleware(
                 AccessMiddleware, access=access, refusal=pages.refusal(), open_paths=OPEN_PATHS
             )
         ],
-        exception_handlers={HTTPException: _fault},
+        exception_handlers={HTTPException: told_fault},
     )
+
+
+def guide_pages(references: Mapping[str, GuidedReference], access: Access, home: str) -> Starlette:
+    """Return the pages alone, for an application that lets people in itself, at a path of its own.
+
+    References may come and go; ``home`` is the page of that application where they are chosen.
+    """
+    pages = _Pages(references, access, home=home)
+    return Starlette(routes=pages.routes(), exception_handlers={HTTPException: told_fault})
 
 
 class _Pages:
     """Answers the phone; what takes time is done in threads."""
 
     def __init__(
-        self, references: Sequence[GuidedReference], access: Access, fingerprint: str
+        self,
+        references: Mapping[str, GuidedReference],
+        access: Access,
+        fingerprint: str = "",
+        home: str = "",
     ) -> None:
-        self._references = {one.name: one for one in references}
+        self._references = references
+        self._home = home
         self._next: dict[str, int] = {}
-        self._access = access
         self._fingerprint = fingerprint
-        self._frames = 0
-        self._working = 0
+        self._frames: Counter[str] = Counter()
+        self._receiver = Receiver(access, page="the guide's", most_at_once=WORK_WAITING)
         self._templates = Environment(
             loader=PackageLoader("standoff.console.guide", "templates"),
             autoescape=True,
@@ -125,11 +137,27 @@ class _Pages:
             lstrip_blocks=True,
         )
 
+    def routes(self) -> list[Route | Mount]:
+        """All pages, and what they ask for."""
+        return [
+            Route("/", self.page),
+            Route("/reference.jpg", self.reference),
+            Route("/frames", self.frame, methods=["POST"]),
+            Route("/find", self.find, methods=["POST"]),
+            Route("/stills", self.stills),
+            Route("/stills", self.announce, methods=["POST"]),
+            Route("/stills/{sha256}", self.part, methods=["PUT"]),
+            Route("/stills/{name}", self.still),
+            Route("/stills/{name}/{which}", self.picture),
+            Mount("/sending", StaticFiles(directory=SENDING_FOLDER)),
+            Mount("/static", StaticFiles(directory=FOLDER / "static")),
+        ]
+
     async def page(self, request: Request) -> Response:
-        """The page of a reference, or the list of them where there are several."""
-        if len(self._references) > 1 and "of" not in request.query_params:
+        """The page of a reference, or the list of them unless there is one."""
+        if len(self._references) != 1 and "of" not in request.query_params:
             template = self._templates.get_template("references.html")
-            return HTMLResponse(template.render(references=self._listed()))
+            return HTMLResponse(template.render(references=self._listed(), home=self._home))
         one = self._of(request)
         reference = one.judge.reference
         template = self._templates.get_template("guide.html")
@@ -141,6 +169,7 @@ class _Pages:
                 fingerprint=self._fingerprint,
                 judged_by="" if one.judge.has_curve else WITHOUT_CURVES,
                 is_one_of_several=len(self._references) > 1,
+                home=self._home,
             )
         )
 
@@ -149,20 +178,22 @@ class _Pages:
 
     async def frame(self, request: Request) -> Response:
         """Judge the newest frame; one that was overtaken is answered without a verdict."""
-        self._require_own_page(request)
+        self._receiver.require_own_page(request)
         live = self._of(request).live
-        async with self._one_frame():
-            data = await self._body(request, MOST_FRAME_BYTES)
+        async with self._one_frame(request):
+            data = await self._receiver.body(request, MOST_FRAME_BYTES)
             found = await live.judged(data, phone=_phone(request), taken_s=_taken_s(request))
         return JSONResponse({"passed_over": True} if found is None else found.to_json())
 
     async def find(self, request: Request) -> Response:
         """Name the reference whose scene a frame shows; a few are tried with each frame."""
-        self._require_own_page(request)
-        async with self._one_frame():
-            data = await self._body(request, MOST_FRAME_BYTES)
+        self._receiver.require_own_page(request)
+        async with self._one_frame(request):
+            data = await self._receiver.body(request, MOST_FRAME_BYTES)
             names, phone = list(self._references), _phone(request)
             first = self._next.pop(phone, 0)
+            if not names:
+                return JSONResponse({"of": None})
             tried = [names[(first + k) % len(names)] for k in range(TRIED_AT_ONCE)]
             if len(self._next) < PHONES_SEARCHING:
                 self._next[phone] = (first + TRIED_AT_ONCE) % len(names)
@@ -173,13 +204,14 @@ class _Pages:
         return JSONResponse({"of": None})
 
     @asynccontextmanager
-    async def _one_frame(self) -> AsyncIterator[None]:
-        """Let a few frames in at a time, and say what is wrong with one."""
-        if self._frames >= FRAMES_WAITING:
+    async def _one_frame(self, request: Request) -> AsyncIterator[None]:
+        """Let a few frames of each phone in at a time, and say what is wrong with one."""
+        phone = _phone(request)
+        if self._frames[phone] >= FRAMES_OF_ONE or self._frames.total() >= FRAMES_WAITING:
             raise HTTPException(
                 429, "frames come faster than they are judged", {"Retry-After": "1"}
             )
-        self._frames += 1
+        self._frames[phone] += 1
         try:
             yield
         except FrameError as error:
@@ -187,7 +219,9 @@ class _Pages:
         except asyncio.CancelledError as error:  # Ctrl-C while a frame is judged
             raise HTTPException(503, "the guide has ended") from error
         finally:
-            self._frames -= 1
+            self._frames[phone] -= 1
+            if not self._frames[phone]:
+                del self._frames[phone]
 
     def _of(self, request: Request) -> GuidedReference:
         """The reference that is asked for; the only one needs no name."""
@@ -200,7 +234,7 @@ class _Pages:
     def _listed(self) -> list[dict[str, Any]]:
         """Each reference, with the number of its stills and the verdict on the newest."""
         listed = []
-        for one in self._references.values():
+        for one in list(self._references.values()):
             records = one.store.records()
             pose = records[0].pose if records else None
             verdict = "" if pose is None else pose["verdict"]
@@ -212,7 +246,7 @@ class _Pages:
         records = self._of(request).store.records()
         shown = [record.to_json() for record in records]
         for one in shown:
-            del one["changes"]
+            one["count"] = len(one.pop("changes"))
         return JSONResponse(shown)
 
     async def still(self, request: Request) -> Response:
@@ -225,38 +259,35 @@ class _Pages:
 
     async def announce(self, request: Request) -> Response:
         """Say where a still goes on: 0 for a new one, its size for one that is stored."""
-        self._require_own_page(request)
-        sha256, size = _text(request, "sha256"), _number(request, "bytes")
+        self._receiver.require_own_page(request)
+        sha256, size = text_of(request, "sha256"), number_of(request, "bytes")
         store = self._of(request).store
         if store.record_of(sha256) is not None:
             return JSONResponse({"received": size, "is_stored": True})
-        found = await self._in_thread(partial(store.uploads.begin, sha256, size))
+        found = await self._receiver.in_thread(partial(store.uploads.begin, sha256, size))
         return await self._received(request, store, found)
 
     async def part(self, request: Request) -> Response:
         """Add a part of a still; the last one is answered once the whole is verified."""
-        self._require_own_page(request)
-        data = await self._body(request, PART_BYTES)
-        sha256 = request.path_params["sha256"]
-        offset, size = _number(request, "offset"), _number(request, "bytes")
+        part = await self._receiver.part(request)
         store = self._of(request).store
-        add = partial(store.uploads.add, sha256, offset, data, size)
-        found = await self._in_thread(add)
+        add = partial(store.uploads.add, part.sha256, part.offset, part.data, part.size)
+        found = await self._receiver.in_thread(add)
         return await self._received(request, store, found)
 
     async def _received(self, request: Request, store: StillStore, found: Received) -> Response:
         """Take a still that is whole, and answer how far it is."""
         if found.path is not None:
-            is_removed = _text(request, "location") == "remove"
+            is_removed = text_of(request, "location") == "remove"
             take = partial(store.take, found.path, is_location_removed=is_removed)
-            await self._in_thread(take)
+            await self._receiver.in_thread(take)
         document = {"received": found.received, "is_stored": found.path is not None}
         return JSONResponse(document)
 
     async def picture(self, request: Request) -> Response:
         parameters = request.path_params
         read = partial(self._of(request).store.picture, parameters["name"], parameters["which"])
-        data = await self._in_thread(read)
+        data = await self._receiver.in_thread(read)
         if data is None:
             raise HTTPException(404, "there is no such picture")
         return Response(data, media_type="image/jpeg")
@@ -264,50 +295,6 @@ class _Pages:
     def refusal(self, *, is_wrong: bool = False, is_early: bool = False) -> str:
         template = self._templates.get_template("entrance.html")
         return template.render(is_wrong=is_wrong, is_early=is_early)
-
-    def _require_own_page(self, request: Request) -> None:
-        """Refuse what a page from elsewhere makes the phone's browser send."""
-        headers = request.headers
-        if not self._access.is_own_page(
-            origin=headers.get("origin"), host=headers.get("host", ""), scheme=request.url.scheme
-        ):
-            raise HTTPException(403, "this was not sent by the guide's own page")
-
-    async def _body(self, request: Request, most_bytes: int) -> bytes:
-        length = request.headers.get("content-length", "0")
-        is_larger = length.isascii() and length.isdigit() and int(length[:20]) > most_bytes
-        data = None if is_larger else await body_of(request, most_bytes, "it did not arrive")
-        if data is None:
-            raise HTTPException(413, f"at most {most_bytes // 1024} kB are taken at once")
-        return data
-
-    async def _in_thread(self, work: Callable[[], T]) -> T:
-        if self._working >= WORK_WAITING:
-            raise HTTPException(503, "the computer is busy: try again", {"Retry-After": "1"})
-        self._working += 1
-        try:
-            return await asyncio.to_thread(work)
-        except TryAgainError as error:
-            raise HTTPException(409, str(error)) from error
-        except (UploadError, ImageFileError) as error:
-            raise HTTPException(422, str(error)) from error
-        except ApplicationError as error:
-            raise HTTPException(500, str(error)) from error
-        except OSError as error:
-            said = f"the computer cannot store it: {error.strerror or error}"
-            raise HTTPException(507, said) from error
-        finally:
-            self._working -= 1
-
-
-async def _fault(_: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
-    document: dict[str, Any] = {"text": error.detail}
-    return JSONResponse(document, status_code=error.status_code, headers=error.headers)
-
-
-def _text(request: Request, name: str) -> str:
-    return request.query_params.get(name, "")
 
 
 def _phone(request: Request) -> str:
@@ -317,16 +304,9 @@ def _phone(request: Request) -> str:
 
 def _taken_s(request: Request) -> float | None:
     """When a frame was taken by the phone's clock, which it tells in ms; None if it does not."""
-    text = _text(request, "at")
+    text = text_of(request, "at")
     if not text:
         return None
     if not re.fullmatch(r"[0-9]{1,12}(\.[0-9]{1,6})?", text, re.ASCII):
         raise HTTPException(422, "at is a number of milliseconds")
     return float(text) / 1000
-
-
-def _number(request: Request, name: str) -> int:
-    text = _text(request, name)
-    if not (text.isascii() and text.isdigit() and len(text) < 12):
-        raise HTTPException(422, f"{name} is a number of bytes")
-    return int(text)

@@ -15,8 +15,8 @@ from calibration.errors import RegistrationError
 from simulation.arrays import FloatArray
 from simulation.pose import project
 from standoff.console.guide._assessment import Assessment, Judge
-from standoff.console.guide._jpeg import JpegError, jpeg_size
 from standoff.console.guide._reference import FRAME_PX
+from standoff.console.photographs import JpegError, jpeg_size
 
 ByteImage = NDArray[np.uint8]
 
@@ -26,7 +26,7 @@ _STALE_S = 1.0
 """From frames further apart no motion is told."""
 
 _MOST_PHONES = 16
-"""That are told apart; the first is forgotten for one more."""
+"""That are told apart; the one that was heard longest ago is forgotten for one more."""
 
 
 class FrameError(ApplicationError):
@@ -61,14 +61,18 @@ def decoded_frame(data: bytes) -> ByteImage:
 
 @dataclass(slots=True)
 class _Phone:
-    """What is kept of one phone: the number of its newest frame, and when its last pose was."""
+    """What is kept of one phone: who follows it, its newest frame's number, when its last pose was.
 
+    Each is followed by itself: what another one shows takes no pose from it.
+    """
+
+    follower: PoseFollower | None = None
     newest: int = 0
     before: tuple[float, FloatArray] | None = None
 
 
 class LiveGuidance:
-    """Judges one frame at a time, always the newest of a phone; one camera is followed.
+    """Judges one frame at a time, always the newest of a phone, and the phones in turn.
 
     ``clock`` tells the seconds at which frames were taken whose phone does not tell.
     """
@@ -76,11 +80,9 @@ class LiveGuidance:
     def __init__(self, judge: Judge, clock: Callable[[], float] = time.monotonic) -> None:
         self._judge = judge
         self._clock = clock
-        self._follower = PoseFollower(judge.reference.levels)
         self._turn = asyncio.Lock()
         self._phones: dict[str, _Phone] = {}
-        self._follower.update(judge.reference.levels)  # its features, before anybody waits
-        self._follower.reset()
+        self._first: PoseFollower | None = self._new_follower()  # before anybody waits
 
     async def judged(
         self, data: bytes, *, phone: str = "", taken_s: float | None = None
@@ -92,17 +94,20 @@ class LiveGuidance:
         async with self._turn:
             if mine != known.newest:
                 return None
-            return await asyncio.to_thread(self.look, data, phone=phone, taken_s=taken_s)
+            return await asyncio.to_thread(self._look, data, known, taken_s)
 
     def look(self, data: bytes, *, phone: str = "", taken_s: float | None = None) -> Assessment:
         """Judge one frame, from its JPEG file, taken at ``taken_s`` of its phone's clock."""
+        return self._look(data, self._known(phone), taken_s)
+
+    def _look(self, data: bytes, known: _Phone, taken_s: float | None) -> Assessment:
         levels = decoded_frame(data)
-        known = self._known(phone)
         before, known.before = known.before, None
+        follower = known.follower = known.follower or self._new_follower()
         try:
-            found = self._follower.update(levels)
+            found = follower.update(levels)
         except RegistrationError:  # a covered lens
-            self._follower.reset()
+            follower.reset()
             return self._judge.lost()
         if found.pose is None:
             return self._judge.lost()
@@ -110,15 +115,27 @@ class LiveGuidance:
         motion = _motion(before, now, levels.shape)
         assessed = self._judge.judged(levels, found.pose.matrix, motion=motion)
         if assessed.deviation is None:
-            self._follower.reset()
+            follower.reset()
         else:
             known.before = now
         return assessed
 
     def _known(self, phone: str) -> _Phone:
-        if phone not in self._phones and len(self._phones) >= _MOST_PHONES:
-            del self._phones[next(iter(self._phones))]
-        return self._phones.setdefault(phone, _Phone())
+        known = self._phones.pop(phone, None)
+        if known is None:
+            if len(self._phones) >= _MOST_PHONES:
+                del self._phones[next(iter(self._phones))]
+            known = _Phone()
+            known.follower, self._first = self._first, None
+        self._phones[phone] = known  # the last one is the one that was heard last
+        return known
+
+    def _new_follower(self) -> PoseFollower:
+        """A follower of the reference, whose features it has found."""
+        made = PoseFollower(self._judge.reference.levels)
+        made.update(self._judge.reference.levels)
+        made.reset()
+        return made
 
 
 def _motion(

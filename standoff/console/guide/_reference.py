@@ -14,6 +14,7 @@ from acquisition.photographs import (
     read_photograph,
     white_level_dn,
 )
+from acquisition.printable import on_one_line
 from calibration.errors import CalibrationError
 from calibration.registration import TrackingReference
 from simulation.arrays import AnyArray, FloatArray
@@ -35,6 +36,8 @@ class GuideReference:
     ----------
     path
         Its file.
+    name
+        By which it is asked for, on one line; the stills of others have another.
     levels
         Grey levels as displayed, at most 640 px a side.
     size
@@ -44,13 +47,14 @@ class GuideReference:
     """
 
     path: Path
+    name: str
     levels: ByteImage = field(repr=False)
     size: tuple[int, int]
     jpeg: bytes = field(repr=False)
 
     @classmethod
-    def read(cls, path: Path) -> "GuideReference":
-        """Read a photograph, and refuse one that cannot be followed."""
+    def read(cls, path: Path, name: str | None = None) -> "GuideReference":
+        """Read a photograph, by default named as its file; refuse one that cannot be followed."""
         read = read_photograph(path)
         read.refuse_mosaic()
         view = UprightView.of(read)
@@ -65,7 +69,8 @@ class GuideReference:
         if drawn.ndim == 3:
             drawn = np.ascontiguousarray(drawn[..., ::-1])  # OpenCV's order
         jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
-        return cls(path=path, levels=view.levels, size=view.size, jpeg=jpeg)
+        known = on_one_line(path.name if name is None else name)
+        return cls(path=path, name=known, levels=view.levels, size=view.size, jpeg=jpeg)
 
     @property
     def small_size(self) -> tuple[int, int]:

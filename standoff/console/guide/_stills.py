@@ -26,9 +26,8 @@ from analysis.changes import Change, ChangeSummary, describe_focus, describe_lim
 from analysis.pose import PoseFollower, Verdict
 from analysis.reports import compared_pictures
 from standoff.console.guide._assessment import Assessment, Judge
-from standoff.console.guide._jpeg import jpeg_size, without_location
 from standoff.console.guide._reference import UprightView, upright
-from standoff.console.guide._uploads import Uploads
+from standoff.console.photographs import MOST_PX, Uploads, jpeg_size, without_location
 from standoff.errors import REPORTED_ERRORS
 from standoff.library import (
     add_note,
@@ -42,9 +41,6 @@ INCOMING = "incoming"
 OPERATOR = "guide"
 PHOTOGRAPH_NAME, DOCUMENT_NAME, CHANGES_FOLDER = "photograph.jpg", "guide.json", "changes"
 PICTURES = ("before.jpg", "after.jpg")
-
-MOST_PX = 64_000_000
-"""Pixels of a still: the largest sensors of phones have 50 million in one picture."""
 
 _ONE_COMPARISON = Lock()
 """Of two at a time, for two references, each takes twice as long and both take their memory."""
@@ -141,12 +137,19 @@ class StillStore:
 
     Work is done in a thread of its own, between ``start`` and ``close``; what had arrived in an
     earlier run is taken first, without its location, as nobody knows any more what was asked for.
-    A still that cannot be stored stays where it arrived, for the next run.
+    A still that cannot be stored stays where it arrived, for the next run: in ``incoming``, which
+    is in the same folder by default.
     """
 
-    def __init__(self, folder: Path, judge: Judge, inputs: ComparisonInputs) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        judge: Judge,
+        inputs: ComparisonInputs,
+        incoming: Path | None = None,
+    ) -> None:
         self.folder = folder
-        self._incoming = folder / INCOMING
+        self._incoming = folder / INCOMING if incoming is None else incoming
         self.uploads = Uploads(self._incoming)
         self._judge = judge
         self._inputs = inputs
@@ -154,7 +157,7 @@ class StillStore:
         self._records = {
             record.name: record
             for record in _stored(folder)
-            if record.reference == judge.reference.path.name
+            if record.reference == judge.reference.name
         }
         self._lock = Lock()
         self._taking = Lock()
@@ -305,7 +308,7 @@ class StillStore:
         add_note(
             session,
             f"sent by a phone as SHA-256 {record.sha256}, kept as results/{PHOTOGRAPH_NAME}"
-            f"{removed}; follow-up of {self._judge.reference.path.name}",
+            f"{removed}; follow-up of {self._judge.reference.name}",
             operator=OPERATOR,
         )
 
@@ -375,7 +378,7 @@ class StillStore:
         arrived = datetime.fromtimestamp(path.stat().st_mtime, UTC)
         return StillRecord(
             name=f"{arrived:%Y%m%d-%H%M%S}-{path.name[:8]}",
-            reference=self._judge.reference.path.name,
+            reference=self._judge.reference.name,
             sha256=path.name,
         )
 

@@ -5,6 +5,7 @@ import shutil
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, TypeVar, get_args
+from urllib.parse import quote
 
 import numpy as np
 from jinja2 import Environment, PackageLoader
@@ -13,8 +14,10 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import (
+    FileResponse,
     HTMLResponse,
     JSONResponse,
+    RedirectResponse,
     Response,
     StreamingResponse,
 )
@@ -28,15 +31,18 @@ from acquisition.errors import DeviceError, PlanError, SessionError
 from acquisition.printable import on_one_line
 from acquisition.session import CaptureRecord, Session
 from standoff.console.access import Access, AccessMiddleware
-from standoff.console.bench_hub import BenchHub
+from standoff.console.bench_hub import BenchHub, ConsoleHub
 from standoff.console.devices import DeviceStatus
 from standoff.console.entrance import Entrance, body_of
+from standoff.console.guide import guide_pages
 from standoff.console.page_words import page_words
+from standoff.console.photographs import SENDING_FOLDER
 from standoff.console.plans import PlanDraft, TargetDraft, draft_of
 from standoff.console.pose_curves import MOST_BYTES
 from standoff.console.reference_picture import OverlayView
 from standoff.console.session_library import UnknownSessionError
 from standoff.console.web._live_sockets import LiveSockets
+from standoff.console.web._photograph_pages import arrivals_app, photographs_document
 from standoff.console.web._session_pages import (
     REPORT_POLICY,
     Thumbnails,
@@ -57,7 +63,7 @@ from standoff.doctor import (
     check_route,
     check_stage_port,
 )
-from standoff.errors import ApplicationError
+from standoff.errors import REPORTED_ERRORS, ApplicationError
 
 T = TypeVar("T")
 
@@ -75,32 +81,32 @@ METRICS = ("squared-gradient", "brenner", "tenengrad", "laplacian")
 NEW_TARGET = TargetDraft(kind="edge", target="edge", orientations="5 95")
 
 
-def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
-    """Return the web application of a bench; whoever serves it starts and closes the hub.
+def console_app(hub: ConsoleHub, *, token: str | None = None) -> Starlette:
+    """Return the web application of a console; whoever serves it starts and closes the hub.
 
     Whoever has the token is let in from any computer; None lets in only this computer.
     """
     access = Access(token)
-    pages = _Pages(hub, access)
+    bench = BenchPages(hub, access) if isinstance(hub, BenchHub) else None
+    pages = SessionPages(hub, access) if bench is None else bench
     capture = "/sessions/{name}/captures/{index:int}"
     return Starlette(
         routes=[
-            Route("/", pages.bench),
+            Route("/", pages.photographs if bench is None else bench.bench),
+            Route("/photographs", pages.photographs),
+            Mount("/photographs/arrived", arrivals_app(hub.photographs, access)),
             Route("/sessions", pages.sessions),
             Route("/sessions/{name}", pages.session),
             Route("/sessions/{name}/report", pages.report),
             Route("/sessions/{name}/results/{page:path}", pages.result),
+            Route("/sessions/{name}/exports/{file}", pages.export),
             Route(capture, pages.capture),
             Route(f"{capture}/thumbnail", pages.thumbnail),
             Route(f"{capture}/levels/{{image}}", pages.levels),
-            Route("/snapshots/{name}", pages.snapshot),
-            Route("/plans/edit", pages.plan),
-            Route("/pose/reference.png", pages.reference),
-            Route("/pose/curves", pages.curves),
-            Route("/pose/curves", pages.take_curves, methods=["POST"]),
-            Route("/doctor", pages.doctor),
+            *(_guide_routes(hub, pages, access) if bench is None else bench.routes()),
             Route("/login", pages.entrance.login, methods=["GET", "POST"]),
             WebSocketRoute("/live", LiveSockets(hub).serve),
+            Mount("/sending", StaticFiles(directory=SENDING_FOLDER)),
             Mount("/static", StaticFiles(directory=FOLDER / "static")),
         ],
         middleware=[Middleware(AccessMiddleware, access=access, refusal=pages.refusal())],
@@ -108,10 +114,22 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
     )
 
 
-class _Pages:
-    """Renders the pages; what changes on them comes over the websocket."""
+def _guide_routes(hub: ConsoleHub, pages: "SessionPages", access: Access) -> list[Route | Mount]:
+    """The guide for any browser's camera.
 
-    def __init__(self, hub: BenchHub, access: Access) -> None:
+    A console with a bench has none: photographs are decoded in its own process, which must not end
+    while a stage moves, and the bench's own camera is guided on its page.
+    """
+    return [
+        Route("/guide/to/{name}/{index:int}", pages.choose_reference),
+        Mount("/guide", guide_pages(hub.references, access, home="/photographs")),
+    ]
+
+
+class SessionPages:
+    """Renders the pages that need no bench; what changes on them comes over the websocket."""
+
+    def __init__(self, hub: ConsoleHub, access: Access) -> None:
         self._hub = hub
         self._access = access
         self.entrance = Entrance(access, self.refusal, warn=self._warn_of_guesses)
@@ -126,25 +144,37 @@ class _Pages:
             lstrip_blocks=True,
         )
 
-    async def bench(self, request: Request) -> Response:
-        def facts() -> dict[str, Any]:
-            summaries = self._hub.sessions.summaries()
-            return {
-                "plans": self._hub.plans.names(),
-                "unfinished": [
-                    each.name for each in summaries if not each.fault and not each.is_complete
-                ],
-                "metrics": METRICS,
-                "bench": self._hub.bench,
-            }
-
-        return await self._made(request, "bench.html", facts)
-
     async def sessions(self, request: Request) -> Response:
         number = _page_number(request)
         return await self._made(
             request, "sessions.html", lambda: sessions_document(self._hub.sessions, number)
         )
+
+    async def photographs(self, request: Request) -> Response:
+        """What has arrived and is to be imported, and pairs to compare."""
+        hub = self._hub
+
+        def facts() -> dict[str, Any]:
+            return photographs_document(hub.sessions, hub.photographs)
+
+        return await self._made(request, "photographs.html", facts)
+
+    async def choose_reference(self, request: Request) -> Response:
+        """Read a photograph as the guide's reference, and go to its page."""
+        hub, (name, index, uid) = self._hub, _named(request)
+
+        def choose() -> str:
+            session = hub.sessions.read(name)
+            record = find_capture(session, index, uid).record
+            return hub.references.choose(
+                session.path, record, hub.curves.curve, hub.curves.view.min_dprime
+            )
+
+        try:
+            chosen = await self._in_turn(request, choose)
+        except REPORTED_ERRORS as error:
+            raise HTTPException(409, str(error)) from error
+        return RedirectResponse(f"/guide/?of={quote(chosen, safe='')}", status_code=303)
 
     async def session(self, request: Request) -> Response:
         name, number, hub = request.path_params["name"], _page_number(request), self._hub
@@ -172,6 +202,14 @@ class _Pages:
             headers = {"Content-Security-Policy": REPORT_POLICY}
             return Response(data, media_type="image/png", headers=headers)
         return report_response(data)
+
+    async def export(self, request: Request) -> Response:
+        """A file that the session was exported to."""
+        name, file = request.path_params["name"], request.path_params["file"]
+        path = await self._in_turn(request, lambda: self._hub.sessions.export_of(name, file))
+        if path is None:
+            raise HTTPException(404, f"{name} has no export {file}")
+        return FileResponse(path, media_type="application/octet-stream", filename=f"{name} {file}")
 
     async def capture(self, request: Request) -> Response:
         name, index, uid = _named(request)
@@ -204,6 +242,93 @@ class _Pages:
         rows, cols = levels.shape
         headers = {"X-Rows": str(rows), "X-Cols": str(cols), "Content-Length": str(len(data))}
         return StreamingResponse(parts(), media_type="application/octet-stream", headers=headers)
+
+    def refusal(self, *, is_wrong: bool = False, is_early: bool = False) -> str:
+        template = self._templates.get_template("refusal.html")
+        return template.render(
+            needs_token=self._access.needs_token, is_wrong=is_wrong, is_early=is_early
+        )
+
+    async def fault(self, request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        return HTMLResponse(
+            self._page("fault.html", status=error.status_code, text=page_words(error.detail)),
+            status_code=error.status_code,
+            headers=error.headers,
+        )
+
+    def _warn_of_guesses(self, peer: str) -> None:
+        self._hub.tell(f"Somebody at {peer} is guessing the console's token.")
+
+    def _captured(self, request: Request) -> tuple[Session, CaptureRecord]:
+        """The capture that is asked for, and its session."""
+        name, index, uid = _named(request)
+        session = self._hub.sessions.read(name)
+        return session, find_capture(session, index, uid).record
+
+    async def _made(
+        self, request: Request, template: str, facts: Callable[[], dict[str, Any]]
+    ) -> Response:
+        """Collect the facts of a page and render it."""
+        page = await self._in_turn(request, lambda: self._page(template, **facts()))
+        return HTMLResponse(page)
+
+    async def _in_turn(self, request: Request, make: Callable[[], T]) -> T:
+        """Do the work of a page in a thread, a few at a time: the bench shares the processor."""
+        if self._asked >= PAGES_AT_ONCE + PAGES_WAITING:
+            raise HTTPException(503, "the console is busy: try again", {"Retry-After": "1"})
+        self._asked += 1
+        try:
+            async with self._turns:
+                if await request.is_disconnected():
+                    raise HTTPException(400, "nobody is waiting for this page any more")
+                return await asyncio.to_thread(make)
+        except UnknownSessionError as error:
+            raise HTTPException(404, str(error)) from error
+        except SessionError as error:
+            raise HTTPException(409, str(error)) from error
+        finally:
+            self._asked -= 1
+
+    def _page(self, name: str, **facts: object) -> str:
+        has_bench = isinstance(self._hub, BenchHub)
+        return self._templates.get_template(name).render(
+            path=f"/{name}", has_bench=has_bench, **facts
+        )
+
+
+class BenchPages(SessionPages):
+    """Renders the pages of a bench as well."""
+
+    _hub: BenchHub
+
+    def __init__(self, hub: BenchHub, access: Access) -> None:
+        super().__init__(hub, access)
+
+    def routes(self) -> list[Route]:
+        """The routes besides those of every console."""
+        return [
+            Route("/snapshots/{name}", self.snapshot),
+            Route("/plans/edit", self.plan),
+            Route("/pose/reference.png", self.reference),
+            Route("/pose/curves", self.curves),
+            Route("/pose/curves", self.take_curves, methods=["POST"]),
+            Route("/doctor", self.doctor),
+        ]
+
+    async def bench(self, request: Request) -> Response:
+        def facts() -> dict[str, Any]:
+            summaries = self._hub.sessions.summaries()
+            return {
+                "plans": self._hub.plans.names(),
+                "unfinished": [
+                    each.name for each in summaries if not each.fault and not each.is_complete
+                ],
+                "metrics": METRICS,
+                "bench": self._hub.bench,
+            }
+
+        return await self._made(request, "bench.html", facts)
 
     async def snapshot(self, request: Request) -> Response:
         name = request.path_params["name"]
@@ -278,56 +403,6 @@ class _Pages:
 
     async def doctor(self, request: Request) -> Response:
         return await self._made(request, "doctor.html", lambda: {"checks": bench_checks(self._hub)})
-
-    def refusal(self, *, is_wrong: bool = False, is_early: bool = False) -> str:
-        template = self._templates.get_template("refusal.html")
-        return template.render(
-            needs_token=self._access.needs_token, is_wrong=is_wrong, is_early=is_early
-        )
-
-    async def fault(self, request: Request, error: Exception) -> Response:
-        assert isinstance(error, HTTPException)
-        return HTMLResponse(
-            self._page("fault.html", status=error.status_code, text=page_words(error.detail)),
-            status_code=error.status_code,
-            headers=error.headers,
-        )
-
-    def _warn_of_guesses(self, peer: str) -> None:
-        self._hub.tell(f"Somebody at {peer} is guessing the console's token.")
-
-    def _captured(self, request: Request) -> tuple[Session, CaptureRecord]:
-        """The capture that is asked for, and its session."""
-        name, index, uid = _named(request)
-        session = self._hub.sessions.read(name)
-        return session, find_capture(session, index, uid).record
-
-    async def _made(
-        self, request: Request, template: str, facts: Callable[[], dict[str, Any]]
-    ) -> Response:
-        """Collect the facts of a page and render it."""
-        page = await self._in_turn(request, lambda: self._page(template, **facts()))
-        return HTMLResponse(page)
-
-    async def _in_turn(self, request: Request, make: Callable[[], T]) -> T:
-        """Do the work of a page in a thread, a few at a time: the bench shares the processor."""
-        if self._asked >= PAGES_AT_ONCE + PAGES_WAITING:
-            raise HTTPException(503, "the console is busy: try again", {"Retry-After": "1"})
-        self._asked += 1
-        try:
-            async with self._turns:
-                if await request.is_disconnected():
-                    raise HTTPException(400, "nobody is waiting for this page any more")
-                return await asyncio.to_thread(make)
-        except UnknownSessionError as error:
-            raise HTTPException(404, str(error)) from error
-        except SessionError as error:
-            raise HTTPException(409, str(error)) from error
-        finally:
-            self._asked -= 1
-
-    def _page(self, name: str, **facts: object) -> str:
-        return self._templates.get_template(name).render(path=f"/{name}", **facts)
 
 
 def _told(status: int, text: str) -> Response:

@@ -2,85 +2,43 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
 from acquisition.capture import flicker_warnings
 from acquisition.devices import Stage
 from acquisition.plan import CapturePlan, estimate_plan, plan_entries
-from acquisition.session import CaptureRecord, Session, SessionNotes
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
+from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError, Job
 from standoff.console.plans import DraftError, PlanDraft, plan_of
-from standoff.console.result_jobs import ResultRequest
-from standoff.console.results import ResultKind
 from standoff.console.session_run import rows_of
 from standoff.console.web._messages import (
     Finite,
     Index,
     MessageReader,
     Name,
-    PageMessage,
-    Person,
-    Reason,
-    Stop,
     command,
     commands_of,
 )
 from standoff.console.web._picture_commands import PictureCommands
+from standoff.console.web._session_commands import SessionCommands, used_record
 from standoff.console.web._view_model import Document, preview_document
 from standoff.errors import ApplicationError
-from standoff.library import PlannedComparisons, login_name, make_folder
+from standoff.library import PlannedComparisons, make_folder
 
 MOST_DPRIME = 1000.0
 """Two photographs differ by no such d' in any pixel that is not saturated."""
 
 
-class NotInControlError(ApplicationError):
-    """Somebody else is in control; nothing was done."""
+class CommandHandler(PictureCommands, SessionCommands):
+    """Executes the messages of the pages of a bench, one after the other."""
 
+    _hub: BenchHub
 
-class CommandHandler(PictureCommands):
-    """Executes the messages of a page, one after the other."""
-
-    def carry_out(self, viewer: str, message: PageMessage) -> Document | None:
-        """Execute a message; return what to send to that page alone, if anything.
-
-        What cannot be executed raises an error that says why.
-        """
-        if isinstance(message, Stop):
-            self._hub.stop()
-            return None
-        asked = COMMANDS.get(message.do)
-        needs_control = asked is None or asked.needs_control
-        if needs_control and not self._hub.control.is_holder(viewer):
-            raise NotInControlError("You are not in control: take control first.")
-        if asked is None:
-            return None
-        page = {"viewer": viewer} if asked.wants_viewer else {}
-        return asked.execute(self, **page, **message.arguments)
-
-    @command("take", needs_control=False)
-    def _take(self, viewer: str, name: Person = "") -> None:
-        """Take control, or ask for it; ``name`` is the operator's, for the journal."""
-        self._hub.control.join(viewer, name.strip() or login_name())
-        self._hub.control.take(viewer)
-
-    @command("release", needs_control=False)
-    def _release(self, viewer: str) -> None:
-        """Give up control."""
-        self._hub.control.release(viewer)
-
-    @command("grant", needs_control=False)
-    def _grant(self, viewer: str) -> None:
-        """Hand control to who asks for it."""
-        self._hub.control.grant(viewer)
-
-    @command("refuse", needs_control=False)
-    def _refuse(self, viewer: str) -> None:
-        """Keep control, or ask for it no more."""
-        self._hub.control.refuse(viewer)
+    def __init__(self, hub: BenchHub) -> None:
+        super().__init__(hub)
 
     @command("home")
     def _home(self) -> None:
@@ -232,61 +190,11 @@ class CommandHandler(PictureCommands):
             free_bytes=self._hub.free_bytes(),
         )
 
-    @command("result")
-    def _compute_result(
-        self,
-        session: Name,
-        result: ResultKind,
-        is_replacing: bool = False,
-        reference_session: Name | None = None,
-        reference: Index | None = None,
-        followup: Index | None = None,
-    ) -> None:
-        """Compute a result of a session; a pose or changes compare two captures."""
+    def _refuse_running(self, name: str) -> None:
         hub = self._hub
-        opened = hub.sessions.open(session)
-        pair: dict[str, Any] = {}
-        if result in ("pose", "changes"):
-            other = reference_session or session
-            earlier = hub.sessions.open(other)
-            record = _used(earlier, reference)
-            name = f"{record.index}" if other == session else f"{record.index} of {other}"
-            pair = {
-                "reference": (earlier.path / record.file, name),
-                "followup": _used(opened, followup),
-            }
-        request = ResultRequest(session=opened.path, kind=result, is_replacing=is_replacing, **pair)
-        hub.results.refuse_impossible(request)
-        hub.jobs.begin(hub.results.name_of(request), lambda job: hub.results.work(job, request))
-
-    @command("cancel-result")
-    def _cancel_result(self) -> None:
-        """Cancel the result that is being computed."""
-        job = self._hub.jobs.current
-        if job is not None and self._hub.results.view.state == "running":
-            job.ask_stop()
-
-    @command("exclude")
-    def _exclude(self, session: Name, index: Index, reason: Reason) -> Document:
-        """Keep a capture out of calibration and analysis."""
-        if not reason.strip():
-            raise ApplicationError("Say why the capture is excluded.")
-        self._notes(session).exclude(index, reason.strip())
-        return {"type": "changed"}
-
-    @command("include")
-    def _include(self, session: Name, index: Index, reason: Reason = "") -> Document:
-        """Use an excluded capture again."""
-        self._notes(session).include(index, reason.strip())
-        return {"type": "changed"}
-
-    def _notes(self, name: str) -> SessionNotes:
-        """The journal of a session that is not running."""
-        hub, path = self._hub, self._hub.sessions.path_of(name)
         job = hub.jobs.current
         if job is not None and hub.run.view.session == name and hub.run.is_under_way:
             raise BusyError(job.name, "The session is running: wait for its end, or stop it.")
-        return SessionNotes(path, operator=hub.operator)
 
     @command("pose-reference")
     def _choose_reference(self, session: Name | None = None, index: Index | None = None) -> None:
@@ -301,7 +209,7 @@ class CommandHandler(PictureCommands):
             )
             return
         opened = hub.sessions.open(session)
-        record = _used(opened, index)
+        record = used_record(opened, index)
         name = f"{session}, capture {index} at {record.height_mm:.1f} mm"
         most_dn = record.max_level_dn if record.bracket is None else None
         hub.pose.choose(name, opened.load(record).mean_dn, most_dn)
@@ -338,17 +246,8 @@ class CommandHandler(PictureCommands):
             self._hub.tell(f"No curve judges poses; d' at least {view.min_dprime:g}.")
 
 
-COMMANDS = commands_of(CommandHandler)
-_READER = MessageReader(COMMANDS.values())
+_READER = MessageReader(commands_of(CommandHandler).values())
 MESSAGES = _READER.kinds
 """The kinds of messages that are understood."""
 
 parse_message = _READER.read
-
-
-def _used(session: Session, index: int | None) -> CaptureRecord:
-    """Find a capture that is neither superseded nor excluded."""
-    record = next((r for r in session.records if r.index == index), None)
-    if record is None:
-        raise ApplicationError(f"{session.path.name} has no capture {index} to use.")
-    return record

@@ -15,7 +15,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from standoff.console.access import Allowance
-from standoff.console.bench_hub import BenchHub
+from standoff.console.bench_hub import BenchHub, ConsoleHub
 from standoff.console.frames import PictureEncoder
 from standoff.console.page_words import page_words
 from standoff.console.web._command_handler import CommandHandler, parse_message
@@ -29,6 +29,7 @@ from standoff.console.web._messages import (
     Stop,
     key_at_fault,
 )
+from standoff.console.web._session_commands import SessionCommands
 from standoff.console.web._view_model import (
     control_document,
     figure_ages,
@@ -68,7 +69,7 @@ STOPS_KNOWN = 256
 class StateCache:
     """JSON texts, each no older than the interval at which pages are sent it."""
 
-    def __init__(self, hub: BenchHub) -> None:
+    def __init__(self, hub: ConsoleHub) -> None:
         self._hub = hub
         self._state_s, self._state = float("-inf"), dict[str, str]()
         self._levels_s, self._levels = float("-inf"), ""
@@ -85,10 +86,10 @@ class StateCache:
             }
         return self._state
 
-    def levels(self) -> str | None:
+    def levels(self, hub: BenchHub) -> str | None:
         """Histogram and focus trace; None without a picture, or with none but an old one."""
-        facts = self._hub.picture.facts
-        if facts.levels is None or figure_ages(self._hub)["levels"].validity == "none":
+        facts = hub.picture.facts
+        if facts.levels is None or figure_ages(hub)["levels"].validity == "none":
             return None
         now_s = time.monotonic()
         if now_s - self._levels_s > LEVELS_S:
@@ -96,22 +97,22 @@ class StateCache:
             self._levels = json.dumps(levels_document(facts), allow_nan=False)
         return self._levels
 
-    def measure(self) -> str:
+    def measure(self, hub: BenchHub) -> str:
         """Live measurements."""
-        sharpness, square = self._hub.sharpness, self._hub.squareness.view
+        sharpness, square = hub.sharpness, hub.squareness.view
         view, has_field = sharpness.view, sharpness.is_field_wanted
         return self._made_of(
             "measure", (view, square), lambda: measure_document(view, square, has_field=has_field)
         )
 
-    def sweep(self) -> str:
+    def sweep(self, hub: BenchHub) -> str:
         """The focus sweep."""
-        view = self._hub.sweep.view
+        view = hub.sweep.view
         return self._made_of("sweep", (view,), lambda: sweep_document(view))
 
-    def plan(self) -> str:
+    def plan(self, hub: BenchHub) -> str:
         """The plan's table."""
-        view = self._hub.run.view
+        view = hub.run.view
         return self._made_of("plan", (view,), lambda: plan_document(view))
 
     def _made_of(
@@ -128,9 +129,10 @@ class StateCache:
 class LiveSockets:
     """Every page's websocket, and what all pages share."""
 
-    def __init__(self, hub: BenchHub) -> None:
+    def __init__(self, hub: ConsoleHub) -> None:
         self.hub = hub
-        self.handler = CommandHandler(hub)
+        self.bench = hub if isinstance(hub, BenchHub) else None
+        self.handler = SessionCommands(hub) if self.bench is None else CommandHandler(self.bench)
         self.encoder = PictureEncoder()
         self.state = StateCache(hub)
         self.stops: deque[str] = deque(maxlen=STOPS_KNOWN)
@@ -171,9 +173,9 @@ class _Page:
     def __init__(self, console: LiveSockets, socket: WebSocket, hello: Hello) -> None:
         self.socket = socket
         self._console = console
-        self._hub = console.hub
+        self._bench = console.bench
+        self._live = console.bench if hello.pictures else None
         self._identity = hello.viewer
-        self._wants_pictures = hello.pictures
         self._link = Link()
         self._pace = PicturePace(self._link, console.encoder)
         self._wake = asyncio.Event()
@@ -241,7 +243,8 @@ class _Page:
             self._console.handler.carry_out(self._identity, message)
         if message.id is not None:
             known.append(message.id)
-            number = self._hub.stopping.view.number
+            bench = self._bench
+            number = 0 if bench is None else bench.stopping.view.number
             self._reply_first({"type": "stop-heard", "id": message.id, "number": number})
 
     async def _work(self) -> None:
@@ -278,13 +281,14 @@ class _Page:
         def woken() -> None:
             loop.call_soon_threadsafe(self._wake.set)
 
-        end = self._hub.frames.subscribe(woken) if self._wants_pictures else lambda: None
+        end = None if self._live is None else self._live.frames.subscribe(woken)
         try:
             await self._send_on()
         except (WebSocketDisconnect, RuntimeError):
             return  # the page is gone: the receiving side notices, too
         finally:
-            end()
+            if end is not None:
+                end()
 
     async def _send_on(self) -> None:
         state_s = levels_s = measure_s = 0.0
@@ -298,15 +302,17 @@ class _Page:
             if now_s - state_s >= slowdown * STATE_PERIOD_S:
                 state_s = now_s
                 await self._send_state()
-            if self._wants_pictures and now_s - levels_s >= slowdown * LEVELS_PERIOD_S:
+            if self._live is None:
+                continue
+            if now_s - levels_s >= slowdown * LEVELS_PERIOD_S:
                 levels_s = now_s
-                levels = self._console.state.levels()
+                levels = self._console.state.levels(self._live)
                 if levels is not None:
                     await self.socket.send_text(levels)
-            if self._wants_pictures and now_s - measure_s >= slowdown * MEASURE_PERIOD_S:
+            if now_s - measure_s >= slowdown * MEASURE_PERIOD_S:
                 measure_s = now_s
-                await self._send_measurements()
-            await self._send_picture(now_s)
+                await self._send_measurements(self._live)
+            await self._send_picture(self._live, now_s)
 
     @property
     def _slowdown(self) -> float:
@@ -323,32 +329,34 @@ class _Page:
 
     async def _send_state(self) -> None:
         """Send what has become different; the page keeps the rest."""
-        control = control_document(self._hub.control.view(self._identity))
+        control = control_document(self._console.hub.control.view(self._identity))
         state = {"control": json.dumps(control)} | self._console.state.state()
         news = ['"type":"state"']
         news += [f'"{name}":{text}' for name, text in state.items() if self._told.get(name) != text]
         self._told = state
         await self.socket.send_text("{" + ",".join(news) + "}")
-        revision = self._hub.run.view.revision
+        if self._bench is None:
+            return
+        revision = self._bench.run.view.revision
         if revision != self._plan_revision:
             self._plan_revision = revision
-            await self.socket.send_text(self._console.state.plan())
+            await self.socket.send_text(self._console.state.plan(self._bench))
 
-    async def _send_measurements(self) -> None:
-        sequence = self._hub.sharpness.view.sequence
-        is_watched = self._hub.squareness.view.is_wanted
+    async def _send_measurements(self, hub: BenchHub) -> None:
+        sequence = hub.sharpness.view.sequence
+        is_watched = hub.squareness.view.is_wanted
         if is_watched or self._was_watched or sequence != self._measured:
             self._measured, self._was_watched = sequence, is_watched
-            await self.socket.send_text(self._console.state.measure())
-        revision = self._hub.sweep.view.revision
+            await self.socket.send_text(self._console.state.measure(hub))
+        revision = hub.sweep.view.revision
         if revision != self._sweep_revision:
             self._sweep_revision = revision
-            await self.socket.send_text(self._console.state.sweep())
+            await self.socket.send_text(self._console.state.sweep(hub))
 
-    async def _send_picture(self, now_s: float) -> None:
-        """Send the newest picture if the page wants it and its link is ready for one."""
-        latest = self._hub.frames.latest
-        if not self._wants_pictures or latest is None or latest.sequence == self._sent_sequence:
+    async def _send_picture(self, hub: BenchHub, now_s: float) -> None:
+        """Send the newest picture if its link is ready for one."""
+        latest = hub.frames.latest
+        if latest is None or latest.sequence == self._sent_sequence:
             return
         form = self._pace.form_now(latest, now_s)
         if form is None:

@@ -42,8 +42,7 @@ T = TypeVar("T")
 class PictureCommands:
     """Commands that act on the camera, its newest frame, and the monitors that watch it."""
 
-    def __init__(self, hub: BenchHub) -> None:
-        self._hub = hub
+    _hub: BenchHub
 
     @command("exposure")
     def _set_exposure(self, exposure_us: Positive, is_long_wanted: bool = False) -> None:

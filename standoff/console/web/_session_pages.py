@@ -115,6 +115,7 @@ def session_document(
         "captured": len(kept),
         "planned": len(session.entries),
         "is_complete": session.is_complete,
+        "is_imported": not session.bench,
         "has_report": library.report_of(name) is not None,
         "remarks": [page_words(remark) for remark in session.remarks],
         "captures": [

@@ -5,6 +5,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+from urllib.parse import quote
 
 from acquisition.devices import CameraSettings, StreamStatistics
 from acquisition.focus import Region
@@ -13,7 +14,7 @@ from acquisition.printable import on_one_line
 from acquisition.session import SPARE_BYTES
 from calibration.estimate import NORMAL_95
 from calibration.geometry import Levelling
-from standoff.console.bench_hub import BenchHub
+from standoff.console.bench_hub import BenchHub, ConsoleHub
 from standoff.console.camera_service import Exposing
 from standoff.console.control_arbiter import ControlView
 from standoff.console.devices import DeviceStatus
@@ -266,10 +267,27 @@ def _short(value: float) -> float:
     return float(f"{value:.6g}")
 
 
-def state_document(hub: BenchHub) -> Document:
+def state_document(hub: ConsoleHub) -> Document:
     """Everything that changes from moment to moment, the same for every page."""
-    job, stop = hub.jobs.current, hub.stopping.view
-    ages = figure_ages(hub)
+    job = hub.jobs.current
+    return {
+        "result": _result_document(hub.results.view),
+        "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
+        "is_compiling": hub.compiling.is_compiling,
+        "disk": disk_document(hub.free_bytes()),
+        "arrivals": hub.photographs.revision,
+        "notices": [
+            {"number": notice.number, "text": _said(notice.text)} for notice in hub.notices
+        ],
+        "pose": {"is_possible": hub.results.has_curves},
+        "prompt": None,
+        **(_bench_document(hub) if isinstance(hub, BenchHub) else {}),
+    }
+
+
+def _bench_document(hub: BenchHub) -> Document:
+    """What only a console with a bench has."""
+    ages, stop = figure_ages(hub), hub.stopping.view
     return {
         "ages": {name: age.document() for name, age in ages.items()},
         "camera": camera_document(
@@ -286,19 +304,12 @@ def state_document(hub: BenchHub) -> Document:
         },
         "stage": stage_document(hub.stage.view, ages["stage"].validity),
         "focus": focus_document(hub.picture.facts, ages["focus"].validity),
-        "result": _result_document(hub.results.view),
         "run": run_document(hub.run.view, is_pause_wanted=hub.run.is_pause_wanted),
-        "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
         "stop": {"number": stop.number, "outcome": stop.outcome, "fault": _said(stop.fault)},
         "prompt": _prompt_document(hub.prompts.current),
         "pose": _pose_state(hub, ages["pose"].validity),
         "exposure_limits_us": list(hub.camera.exposure_limits_us),
         "snapshot": hub.snapshots.latest,
-        "is_compiling": hub.compiling.is_compiling,
-        "disk": disk_document(hub.free_bytes()),
-        "notices": [
-            {"number": notice.number, "text": _said(notice.text)} for notice in hub.notices
-        ],
     }
 
 
@@ -531,6 +542,7 @@ def _result_document(view: ResultProgress) -> Document:
         "done": progress.done,
         "total": progress.total,
         "message": _said(view.message),
+        "page": f"/sessions/{quote(view.session)}/results/{quote(view.page)}" if view.page else "",
     }
 
 

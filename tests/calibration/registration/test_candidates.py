@@ -18,6 +18,7 @@ from calibration.registration import (
     FeatureMatches,
     RefinedPose,
     RegistrationHints,
+    _candidates as candidates_module,
     _pair as pair_module,
     block_votes,
     register_images,
@@ -99,6 +100,34 @@ def test_matches_say_how_far_details_lie_from_where_a_pose_puts_them() -> None:
     off_px = look.displacement_px(candidate(aside)[1].directed.pose)
     # About 9 px along both axes of the reference, of which 1.3 are one of the follow-up.
     assert off_px == pytest.approx(9 * 2**0.5 / 1.3, abs=0.6)
+
+
+@pytest.mark.parametrize(
+    ("significances", "looked_at"),
+    [
+        ({8: 4.0, 4: 8.0, 2: 14.0, 1: 22.0}, [8, 4, 2, 1]),  # it grows as with a true pose
+        ({8: 4.0, 4: 4.4, 2: 20.0, 1: 20.0}, [8, 4]),  # chance: a closer look shows no more
+        ({8: 4.0, 4: 2.0, 2: 20.0, 1: 20.0}, [8, 4]),
+        ({8: 3.0, 4: 20.0, 2: 20.0, 1: 20.0}, [8]),  # nothing speaks for a closer look
+    ],
+)
+def test_a_closer_look_ends_where_it_shows_no_more_than_the_one_before(
+    monkeypatch: pytest.MonkeyPatch, significances: dict[int, float], looked_at: list[int]
+) -> None:
+    pair, found = candidate(TRUE)
+    looked: list[int] = []
+
+    def judged_at(*arguments: object) -> Candidate:
+        factors = arguments[-1]
+        assert isinstance(factors, list)
+        looked.append(factors[-1])
+        agreement = replace(found.agreement, significance=significances[factors[-1]])
+        return replace(found, agreement=agreement)
+
+    monkeypatch.setattr(candidates_module, "_refined_and_judged", judged_at)
+    monkeypatch.setattr(candidates_module, "comparison_factor", lambda _: 8)
+    candidates_module._judged(pair, PoseHypothesis(matrix=TRUE))
+    assert list(dict.fromkeys(looked)) == looked_at
 
 
 def test_blocks_are_recognised_where_the_true_pose_puts_them_and_beside_another() -> None:

@@ -61,7 +61,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """Applications that were served, each ended as soon as it was ready."""
     apps: list[object] = []
 
-    def serve(app: object, bound: socket.socket, *, ready: Callable[[], None]) -> None:
+    def serve(app: object, bound: socket.socket, *, ready: Callable[[], None], tls: object) -> None:
         apps.append(app)
         ready()
 
@@ -80,6 +80,23 @@ def test_its_address_is_shown_and_with_a_token_the_way_in(
     assert "/login?token=long%20enough%20%26%20safe; Ctrl-C ends" in guarded.out
     assert "the connection is not encrypted" in guarded.err
     assert len(served) == 2
+
+
+@pytest.mark.slow
+def test_without_a_bench_it_is_for_photographs_and_a_phone_reaches_it_by_tls(
+    command: Command, served: list[object], tmp_path: Path
+) -> None:
+    sessions = ("--sessions", tmp_path / "sessions")
+    done = command.done(
+        "console", *sessions, "--port", 0, "--https", "--token", "long enough to be one"
+    )
+    assert "console at https://127.0.0.1:" in done.out
+    assert "SHA-256 of the certificate: " in done.out
+    assert "\u2588" in done.out  # the code
+    assert done.err == ""
+    assert len(served) == 1
+    err = command.refused(2, "console", *sessions, "--set", "camera.gain_db=1")
+    assert "--bench" in err
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from standoff.console.bench_hub import BenchHub
+from standoff.console.bench_hub import ConsoleHub
 from standoff.console.server import open_socket, server_of
 from standoff.console.web._application import console_app
 from tests.standoff.console.hub_fixtures import DEADLINE_S, wait_for
@@ -21,7 +21,7 @@ Address = tuple[str, int]
 
 @contextmanager
 def served(
-    hub: BenchHub, *, token: str | None = None, certificate: Path | None = None
+    hub: ConsoleHub, *, token: str | None = None, certificate: Path | None = None
 ) -> Iterator[Address]:
     """Serve the console of a hub on a free port; with a certificate and its key, by TLS."""
     server = server_of(console_app(hub, token=token))
@@ -38,7 +38,7 @@ def served(
             thread.join()
 
 
-def page_client(hub: BenchHub) -> "TestClient":
+def page_client(hub: ConsoleHub) -> "TestClient":
     """A client of a hub's pages, on this computer."""
     from starlette.testclient import TestClient
 

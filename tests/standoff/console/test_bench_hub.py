@@ -11,7 +11,8 @@ from acquisition.errors import StageLimitError
 from acquisition.session._reader import Session, verify
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError
-from standoff.console.web._command_handler import CommandHandler, NotInControlError, parse_message
+from standoff.console.web._command_handler import CommandHandler, parse_message
+from standoff.console.web._session_commands import NotInControlError
 from standoff.console.web._view_model import plan_document, state_document
 from standoff.errors import ApplicationError
 from tests.standoff.console.hub_fixtures import PLAN, running_hub, wait_for

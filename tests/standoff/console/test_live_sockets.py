@@ -53,12 +53,12 @@ def test_the_plans_table_is_made_when_the_run_has_changed_and_not_before(
 
     monkeypatch.setattr(state_cache, "plan_document", counted)
     cache = StateCache(hub)
-    assert json.loads(cache.plan())["rows"] == []
+    assert json.loads(cache.plan(hub))["rows"] == []
     rows = rows_of(tmp_path / "new", load_plan(tmp_path / "two.toml"))
     for revision, shown in enumerate((rows, (replace(rows[0], state="done"), rows[1])), 1):
         view = RunView(session="new", plan="two", rows=shown, revision=revision)
         monkeypatch.setattr(hub.run, "view", view)
-        assert [json.loads(cache.plan()) for _ in range(3)] == [plan_document(view)] * 3
+        assert [json.loads(cache.plan(hub)) for _ in range(3)] == [plan_document(view)] * 3
     assert [view.revision for view in made] == [0, 1, 2]
 
 
@@ -262,7 +262,7 @@ def test_more_commands_than_can_wait_are_refused_and_none_is_lost_with_its_page(
 
 @pytest.mark.slow
 def test_levels_and_picture_come_with_the_first_frame(hub: BenchHub) -> None:
-    assert StateCache(hub).levels() is None
+    assert StateCache(hub).levels(hub) is None
     hub.picture.start()
     try:
         with client_of(hub) as client, live(client) as socket:

@@ -112,6 +112,10 @@ VALID = {
     "metric": "tenengrad",
     "is_on": True,
     "result": "noise",
+    "sha256": "0" * 64,
+    "photographs": ["0" * 64],
+    "kind": "edge",
+    "file_format": "nexus",
     "draft": {"name": "typed", "targets": [{"kind": "edge", "target": "edge"}]},
 }
 WRONG: tuple[object, ...] = (
@@ -134,7 +138,7 @@ NOT_TYPED = {
     "viewer", "pictures", "sequence", "number", "id", "x", "y", "start", "end", "region", "metric",
     "is_on", "has_field", "ends_at_peak", "is_relative", "is_replacing", "is_long_wanted",
     "choice", "result", "order", "keep_frames", "auto_exposure", "drift_check", "draft",
-    "in_hand_ms", "round_trip_ms", "file", "curve",
+    "in_hand_ms", "round_trip_ms", "file", "curve", "sha256", "photographs", "file_format",
 }  # fmt: skip
 PROGRAMMERS_WORDS = re.compile(
     r"Input|should|Field|valid|type=|\bstring|\binteger|\bunion|tuple|\b[a-z]+_[a-z]+|[a-z]\.[a-z0-9]"

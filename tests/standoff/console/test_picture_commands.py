@@ -17,8 +17,8 @@ from acquisition.devices import Frame
 from acquisition.photographs import read_photograph
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError
-from standoff.console.web._command_handler import NotInControlError
 from standoff.console.web._picture_commands import exposure_sentence, longest_exposure
+from standoff.console.web._session_commands import NotInControlError
 from standoff.console.web._view_model import state_document
 from standoff.errors import ApplicationError
 from tests.acquisition.fakes import SETTINGS, frame

@@ -26,8 +26,9 @@ from standoff.console.plans import (
     plan_of,
     plan_toml,
 )
-from standoff.console.web._command_handler import CommandHandler, NotInControlError, parse_message
+from standoff.console.web._command_handler import CommandHandler, parse_message
 from standoff.console.web._messages import PageMessage
+from standoff.console.web._session_commands import NotInControlError
 from tests.standoff.console.hub_fixtures import idle_hub
 from tests.standoff.console.served import page_client
 

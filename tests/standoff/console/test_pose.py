@@ -22,8 +22,9 @@ from analysis.detectability import CurveChoice, DetectabilityCurves
 from analysis.results_file import write_results
 from standoff.console.bench_hub import BenchHub
 from standoff.console.pose_curves import MOST_BYTES, GivenCurves, PoseCurves
-from standoff.console.web._command_handler import CommandHandler, NotInControlError, parse_message
+from standoff.console.web._command_handler import CommandHandler, parse_message
 from standoff.console.web._messages import MessageError
+from standoff.console.web._session_commands import NotInControlError
 from standoff.console.web._view_model import state_document
 from standoff.errors import ApplicationError, ArgumentError
 from tests.acquisition.fakes import SETTINGS

@@ -7,8 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
+import standoff
 from acquisition.errors import OperatorStopError
 from acquisition.session import Session, SessionNotes
 from standoff.console import result_jobs
@@ -19,7 +22,13 @@ from standoff.console.result_jobs import (
     ResultRequest,
     run_command,
 )
-from standoff.console.results import MAX_RESULT_BYTES, key_figures, page_path, results_of
+from standoff.console.results import (
+    MAX_RESULT_BYTES,
+    export_path,
+    key_figures,
+    page_path,
+    results_of,
+)
 from standoff.errors import ApplicationError
 
 
@@ -125,6 +134,14 @@ def test_a_command_that_is_stopped_ends_at_once(tmp_path: Path) -> None:
             "3 pairs, closest model: matched (SSIM 0.900, PSNR 30.0 dB)",
         ),
         ("validate", {"table_2": []}, ""),
+        (
+            "calibrate",
+            {"sigma_x_px": 0.7, "method": "single-image"},
+            "σx 0.7000 px; from edges that the scene happens to have, taken for sharp",
+        ),
+        ("verify", {"files": [{"state": "ok"}, {"state": "ok"}, {"state": "changed"}]},
+         "2 of 3 files match the journal"),
+        ("verify", {"files": 3}, ""),
     ],
 )  # fmt: skip
 def test_a_line_says_what_the_file_tells_and_junk_says_nothing(
@@ -208,7 +225,7 @@ COMPARED = {"verdict": "no significant change", "is_changed": False, "shared_inp
 def test_what_a_session_lacks_is_said_for_each_result(session_dir: Path) -> None:
     views = {view.kind: view for view in results_of(Session(session_dir), has_curves=False)}
     assert {kind for kind, view in views.items() if not view.missing} == {
-        "calibrate", "changes", "report",
+        "calibrate", "changes", "report", "verify", "export",
     }  # fmt: skip
     assert "lens cap" in views["noise"].missing
     assert "--curves" in views["pose"].missing
@@ -218,6 +235,66 @@ def test_what_a_session_lacks_is_said_for_each_result(session_dir: Path) -> None
         jobs.refuse_impossible(ResultRequest(session=session_dir, kind="noise"))
     with pytest.raises(ApplicationError, match="two captures"):
         jobs.refuse_impossible(ResultRequest(session=session_dir, kind="changes"))
+
+
+@pytest.fixture
+def imported(tmp_path: Path) -> Path:
+    """A session of two photographs of a scene."""
+    rng = np.random.default_rng(1)
+    paths = []
+    for name in ("near.png", "far.png"):
+        paths.append(tmp_path / name)
+        Image.fromarray(rng.integers(0, 255, (40, 60), np.uint8)).save(paths[-1])
+    session = tmp_path / "sessions" / "wall"
+    standoff.import_photographs(paths, session, kind="texture", height_mm=0)
+    return session
+
+
+def test_without_an_edge_the_psf_is_that_of_the_scene_or_of_two_distances(imported: Path) -> None:
+    run = Commands()
+    jobs = ResultJobs(imported.parent, run=run)
+    computed(jobs, imported, kind="calibrate")
+    near, far = Session(imported).records
+    psf = f"--out={imported / 'results' / 'psf.json'}"
+    files = [str(imported / record.file) for record in (near, far)]
+    assert run.given == [["calibrate", psf, "--method=single-image", "--", *files]]
+    pair = {"reference": (imported / near.file, "0"), "followup": far}
+    computed(jobs, imported, kind="calibrate", is_replacing=True, **pair)
+    assert run.given[1:] == [["calibrate", "--force", psf, "--method=two-distance", "--", *files]]
+
+
+def test_what_verify_says_is_kept_and_what_it_said_before_does_not_outlive_a_failure(
+    imported: Path,
+) -> None:
+    kept = imported / "results" / "verify.json"
+    computed(
+        ResultJobs(imported.parent, run=Commands({"files": [{"state": "ok"}]})),
+        imported,
+        kind="verify",
+    )
+    (row,) = [v for v in results_of(Session(imported), has_curves=False) if v.kind == "verify"]
+    assert row.figures == "1 of 1 files match the journal"
+    jobs = ResultJobs(imported.parent, run=Commands(error=ApplicationError("a file is missing")))
+    with pytest.raises(ApplicationError):
+        computed(jobs, imported, kind="verify")
+    assert not kept.exists()
+
+
+def test_an_export_is_fetched_by_its_name_alone(imported: Path, tmp_path: Path) -> None:
+    run = Commands({})
+    computed(ResultJobs(imported.parent, run=run), imported, kind="export", file_format="nexus")
+    out = imported / "results" / "export.nxs"
+    assert run.given == [["export", "--format=nexus", f"--out={out}", "--", str(imported)]]
+    assert export_path(imported, "export.nxs") is None
+    out.write_bytes(b"nexus")
+    assert export_path(imported, "export.nxs") == out
+    assert [v.pair for v in results_of(Session(imported), has_curves=False) if v.pair] == [
+        "export.nxs"
+    ]
+    assert export_path(imported, "../session.json") is None
+    out.rename(tmp_path / "elsewhere")
+    out.symlink_to(tmp_path / "elsewhere")
+    assert export_path(imported, "export.nxs") is None
 
 
 def test_a_calibration_is_compared_with_the_last_one_of_the_same_camera_and_lens(

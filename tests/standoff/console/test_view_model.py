@@ -94,7 +94,7 @@ def test_every_figure_has_the_age_of_its_own_frame(tmp_path: Path) -> None:
     hub.picture.look(first)
     hub.sharpness.look_at(Region(x_px=0, y_px=0, width_px=64, height_px=48))
     hub.sharpness.look(first)
-    assert cache.levels() is not None
+    assert cache.levels(hub) is not None
     hub.frames.publish(frame(np.full((48, 64), 700, np.uint16), 2), SETTINGS)
     ages = figure_ages(hub)
     now_s = time.monotonic()

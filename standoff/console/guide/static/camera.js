@@ -145,6 +145,7 @@ export class Camera {
     const nowMs = performance.now();
     this.adapt(nowMs - takenMs);
     if (found.passed_over || number < this.newest || this.isClosed) return;
+    if (!this.givesPictures) return; // it was taken before the camera stopped, which has been said since
     this.newest = number;
     this.guidance = found;
     this.takenMs = takenMs;

@@ -8,7 +8,7 @@ function show({ found, fault, lost }) {
   const text = lost ? "The link to the computer is lost; this page keeps trying." : fault ?? "";
   $("fault").textContent = text;
   $("fault").hidden = !text;
-  if (found?.of) location.assign(`/?of=${encodeURIComponent(found.of)}`);
+  if (found?.of) location.assign(`?of=${encodeURIComponent(found.of)}`);
 }
 
 $("find").addEventListener("click", async () => {
@@ -16,7 +16,7 @@ $("find").addEventListener("click", async () => {
     show({ fault: "This browser gives pages no camera. Choose the reference below." });
     return;
   }
-  const camera = new Camera($("video"), show, "/find");
+  const camera = new Camera($("video"), show, "find");
   [$("video").hidden, $("finding").hidden, $("find").hidden] = [false, false, true];
   try {
     await camera.open();

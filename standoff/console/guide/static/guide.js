@@ -1,6 +1,7 @@
 // The page: the reference, the camera with its guidance, and the photographs with their changes.
 
 import { Camera } from "./camera.js";
+import { drawSeries } from "./series.js";
 import { forget, keep, refusedOnes, sendAgain, sendWaiting } from "./uploads.js";
 
 const OF = `of=${encodeURIComponent(document.body.dataset.of)}`;
@@ -25,7 +26,7 @@ function fault(text) {
 // ---- The camera
 
 const picture = new Image();
-picture.src = `/reference.jpg?${OF}`;
+picture.src = `reference.jpg?${OF}`;
 let camera = null;
 let spokenMs = 0;
 let spoken = "";
@@ -139,7 +140,7 @@ async function openCamera() {
     fault("This browser gives pages no camera. Take a photograph with the button below instead.");
     return;
   }
-  const opening = new Camera($("video"), show, `/frames?${OF}`);
+  const opening = new Camera($("video"), show, `frames?${OF}`);
   camera = opening;
   window.guide = camera;
   isUnknown = false;
@@ -282,14 +283,14 @@ async function blinkOf(card, name) {
   const blink = card.querySelector(".blink");
   if (!blink.hidden || card.isAsked) return;
   card.isAsked = true;
-  const still = await answered(`/stills/${name}?${OF}`);
+  const still = await answered(`stills/${name}?${OF}`);
   card.isAsked = false;
   if (!still) return; // asked for again with the next list
   blink.hidden = false;
   const after = blink.querySelector(".after");
   after.addEventListener("load", () => ring(blink.querySelector(".marks"), still.changes, after.naturalWidth / after.naturalHeight), { once: true });
-  after.src = `/stills/${name}/after.jpg?${OF}`;
-  blink.querySelector(".before").src = `/stills/${name}/before.jpg?${OF}`;
+  after.src = `stills/${name}/after.jpg?${OF}`;
+  blink.querySelector(".before").src = `stills/${name}/before.jpg?${OF}`;
   listChanges(blink, still.changes);
 }
 
@@ -343,10 +344,11 @@ let isListing = false;
 async function list() {
   if (isListing || document.hidden) return;
   isListing = true;
-  const stills = await answered(`/stills?${OF}`);
+  const stills = await answered(`stills?${OF}`);
   isListing = false;
   if (!stills) return;
   $("no-stills").hidden = stills.length > 0;
+  $("series").hidden = !drawSeries($("series-plot"), stills);
   for (const still of stills) fill(cardOf(still.name), still);
   const wanted = stills.map((still) => cards.get(still.name));
   if (wanted.some((card, at) => $("stills").children[at] !== card)) $("stills").replaceChildren(...wanted);

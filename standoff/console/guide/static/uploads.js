@@ -1,8 +1,6 @@
 // Photographs on their way: each is kept in the phone until the computer has it whole and verified.
 
-const PART_BYTES = 256 * 1024;
-const ANSWER_MS = 30000;
-const RETRY_MS = [500, 1000, 2000, 4000];
+import { NotHere, NotYet, RETRY_MS, Refused, digestOf, pause, send } from "../sending/sending.js";
 
 const opened = new Promise((resolve, reject) => {
   const asked = indexedDB.open("standoff-guide", 1);
@@ -19,34 +17,6 @@ async function stored(mode, work) {
     change.oncomplete = () => resolve(asked.result);
     change.onerror = change.onabort = () => reject(change.error);
   });
-}
-
-const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-
-class Refused extends Error {}
-class NotHere extends Error {}
-class NotYet extends Error {}
-
-async function asked(path, options) {
-  // Without a limit a request whose packets vanish would wait for ever.
-  const answer = await fetch(path, { ...options, signal: AbortSignal.timeout(ANSWER_MS) });
-  const document = await answer.json().catch(() => ({}));
-  if (answer.ok) return document;
-  if (answer.status === 401) throw new NotYet("this phone is not paired any more: scan the code again");
-  if (answer.status === 404) throw new NotHere(document.text);
-  if (answer.status === 413 || answer.status === 422) throw new Refused(document.text);
-  throw new NotYet(document.text || `the computer answers ${answer.status}`);
-}
-
-async function send(waiting, progress) {
-  const { sha256, bytes, location, of } = waiting;
-  const facts = `bytes=${bytes.byteLength}&location=${location}&of=${encodeURIComponent(of)}`;
-  let { received, is_stored } = await asked(`/stills?sha256=${sha256}&${facts}`, { method: "POST" });
-  while (!is_stored) {
-    progress(received / bytes.byteLength);
-    const body = bytes.slice(received, received + PART_BYTES);
-    ({ received, is_stored } = await asked(`/stills/${sha256}?offset=${received}&${facts}`, { method: "PUT", body }));
-  }
 }
 
 let running = null;
@@ -76,7 +46,9 @@ async function sendAll(tell) {
     if (!waiting) break;
     for (let attempt = 0; ; attempt += 1) {
       try {
-        await send(waiting, (share) => tell({ share, words: "Sending the photograph." }));
+        const { sha256, bytes, location, of } = waiting;
+        const told = (share) => tell({ share, words: "Sending the photograph." });
+        await send("stills", { sha256, bytes, facts: { location, of } }, told);
         await forget(waiting.sha256);
         break;
       } catch (error) {
@@ -115,7 +87,6 @@ export function sendAgain({ refused, ...waiting }) {
 // Keep a photograph (a Blob) in the phone, to be sent: of which reference, with its location or not.
 export async function keep(blob, facts) {
   const bytes = await blob.arrayBuffer();
-  const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes));
-  const sha256 = Array.from(digest, (value) => value.toString(16).padStart(2, "0")).join("");
+  const sha256 = await digestOf(bytes);
   await stored("readwrite", (store) => store.put({ sha256, bytes, ...facts }));
 }

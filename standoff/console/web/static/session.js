@@ -1,12 +1,11 @@
 // The page of one session: results, resume, retake, exclude, pose reference.
 
-import { byId, command, connection, setText, show } from "./shell.js";
+import { ResultProgress } from "./result_progress.js";
+import { byId, command, connection } from "./shell.js";
 
 const session = byId("session").dataset.name;
 const hadCurves = byId("session").dataset.curves === "yes";
-const LEVELS = { running: "warn", done: "ok", failed: "fail", stopped: "warn" };
-let wasRunning = false;
-let numberSeen = null; // of the last result: each one has the next number
+const progress = new ResultProgress((result) => result.session === session);
 
 function compute(result, fields = {}) {
   command("result", { session, result, ...fields });
@@ -14,7 +13,7 @@ function compute(result, fields = {}) {
 
 for (const button of document.querySelectorAll("[data-result]")) {
   button.onclick = () => {
-    const isReplacing = "done" in button.dataset;
+    const isReplacing = "done" in button.dataset && button.dataset.result !== "verify";
     if (isReplacing && !window.confirm("Replace the earlier result?")) return;
     compute(button.dataset.result, { is_replacing: isReplacing });
   };
@@ -38,7 +37,6 @@ connection.addEventListener("refused", ({ detail }) => {
     if (field) field.value = field.defaultValue;
   }
 });
-byId("cancel-result").onclick = () => command("cancel-result");
 if (byId("resume-session")) byId("resume-session").onclick = () => { command("resume", { session }); location.href = "/"; };
 
 const ACTIONS = {
@@ -59,24 +57,30 @@ function change(what, fields) {
   command(what, { session, ...fields });
 }
 
-connection.addEventListener("state", ({ detail: { job, control, result, pose } }) => {
-  const isRunning = result.state === "running";
-  for (const button of document.querySelectorAll("main button")) button.disabled = !control.is_mine || (job && !button.dataset.reference);
-  byId("cancel-result").disabled = !control.is_mine || !isRunning || Boolean(job?.is_stopping);
-  show("result-progress", isRunning);
-  setText("result-title", `${result.title.charAt(0).toUpperCase()}${result.title.slice(1)}`);
-  setText("result-text", [job?.is_stopping ? "stopping" : result.text || "starting", result.total ? `${result.done} of ${result.total}` : "", `${result.seconds} s`].filter(Boolean).join(" · "));
-  const bar = byId("result-bar");
-  if (result.total) { bar.max = result.total; bar.value = result.done; } else bar.removeAttribute("value");
-  const isTold = !isRunning && result.session === session && Boolean(result.message);
-  show("result-message", isTold);
-  byId("result-message").className = `alert ${result.is_alarming ? "warn" : LEVELS[result.state] || ""}`;
-  setText("result-message", result.message);
-  // A result that is done before the next state comes is shown as well.
-  const isEnded = !isRunning && (wasRunning || (numberSeen !== null && result.number !== numberSeen));
-  numberSeen = result.number;
-  wasRunning = isRunning;
+byId("note").onsubmit = (event) => {
+  event.preventDefault();
+  change("note", { text: byId("note").elements.text.value });
+};
+if (byId("set-height")) {
+  byId("set-height").onsubmit = (event) => {
+    event.preventDefault();
+    const { index, height_mm: height, reason } = byId("set-height").elements;
+    change("set-height", { index: index.value ? Number(index.value) : null, height_mm: height.valueAsNumber, reason: reason.value });
+  };
+}
+if (byId("export")) {
+  byId("export").onsubmit = (event) => {
+    event.preventDefault();
+    const { file_format: format, is_replacing: isReplacing } = byId("export").elements;
+    command("export", { session, file_format: format.value, is_replacing: isReplacing.checked });
+  };
+}
+
+connection.addEventListener("state", ({ detail }) => {
+  const { job, control, pose } = detail;
+  for (const button of document.querySelectorAll("main button:not(#cancel-result)")) button.disabled = !control.is_mine || (job && !button.dataset.reference);
+  const isEnded = progress.show(detail);
   // Curves were chosen meanwhile, or none: poses can be computed now, or not.
   const isTyping = document.activeElement.matches("input, select");
-  if ((isEnded && result.session === session) || (pose.is_possible !== hadCurves && !isTyping)) location.reload();
+  if (isEnded || (pose.is_possible !== hadCurves && !isTyping)) location.reload();
 });

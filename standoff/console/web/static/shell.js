@@ -64,6 +64,7 @@ function chip(id, name, level, title) {
 }
 
 function device(id, status) {
+  if (!status) return; // a console without a bench
   const isLate = status.state === "ready" && status.validity && status.validity !== "valid"; // no picture comes
   const level = isLate ? "warn" : { ready: "ok", opening: "warn", lost: "fail" }[status.state];
   chip(`chip-${id}`, id, level, isLate ? "no new picture" : status.text || status.name);
@@ -108,7 +109,7 @@ function takeControl() {
   command("take", { name: name.slice(0, 60) });
 }
 
-const stopping = new Stop(connection, byId("stop"), byId("alert-stop"), byId("alert-moving"), tell);
+const stopping = byId("stop") && new Stop(connection, byId("stop"), byId("alert-stop"), byId("alert-moving"), tell);
 
 connection.addEventListener("open", () => {
   show("alert-connection", false);
@@ -156,8 +157,10 @@ connection.addEventListener("state", ({ detail: state }) => {
   seenNotice = Math.max(seenNotice, last);
 });
 
-byId("stop").onclick = () => stopping.press();
-byId("stop-seen").onclick = () => stopping.seen();
+if (stopping) {
+  byId("stop").onclick = () => stopping.press();
+  byId("stop-seen").onclick = () => stopping.seen();
+}
 byId("take-control").onclick = takeControl;
 byId("rename").onclick = takeControl;
 byId("stop-asking").onclick = () => command("refuse");
@@ -166,7 +169,7 @@ byId("refuse").onclick = () => command("refuse");
 byId("release-control").onclick = () => command("release");
 byId("prompt").onsubmit = (event) => event.preventDefault();
 // Escape is the stop key everywhere, even in a text field, before any other handler.
-window.addEventListener("keydown", (event) => { if (event.key === "Escape") { event.preventDefault(); if (!event.repeat) stopping.press(); } }, true);
+window.addEventListener("keydown", (event) => { if (stopping && event.key === "Escape") { event.preventDefault(); if (!event.repeat) stopping.press(); } }, true);
 
 export function onKey(key, act) {
   window.addEventListener("keydown", (event) => {

@@ -286,7 +286,7 @@ def told(kind: str, document: str) -> str:
 def test_a_choice_is_not_undone_by_what_the_console_said_before_it(
     live: LivePage, box: str
 ) -> None:
-    again = told("measure", StateCache(live.hub).measure())
+    again = told("measure", StateCache(live.hub).measure(live.hub))
     chosen = f"document.getElementById('{box}')"
     # In one go: a second later what the console says counts, as it may have refused.
     assert live.asked(f"({chosen}.click(), {again}, {chosen}.checked)")

@@ -32,7 +32,7 @@ SIZES: tuple[dict[str, Any], ...] = (
     {"viewport": PHONE} | TOUCH,
     {"viewport": SIDE} | TOUCH,
 )
-PATHS = ("", "sessions", "doctor", "plans/edit", "nothing")
+PATHS = ("", "photographs", "sessions", "doctor", "plans/edit", "nothing")
 
 STOP_IS_HIT = """() => {
     const stop = document.getElementById("stop");

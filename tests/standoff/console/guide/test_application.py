@@ -1,13 +1,19 @@
 """Who may see or send a picture, and how it is sent."""
 
+import asyncio
 import hashlib
 import json
 import socket
 import ssl
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from threading import Event
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
@@ -19,20 +25,24 @@ from standoff.console.guide import (
     GuidedReference,
     GuideReference,
     Judge,
+    LiveGuidance,
     StillStore,
     guide_app,
     made_certificate,
 )
+from standoff.console.guide._application import FRAMES_OF_ONE
 from standoff.console.guide._live import MOST_FRAME_BYTES
 from standoff.console.guide._stills import StillRecord
-from standoff.console.guide._uploads import MOST_WAITING, PART_BYTES
+from standoff.console.photographs._uploads import MOST_WAITING, PART_BYTES
 from tests.standoff.console.guide.scenes import Stills, save, wall
 from tests.standoff.console.guide.serving import TOKEN, served_guide, trusting
+from tests.standoff.console.hub_fixtures import wait_for
 
 pytestmark = pytest.mark.slow
 
 HOST = "https://phone.test"
 OWN = {"Origin": HOST}
+RNG = np.random.default_rng(5)
 ASKED = [
     ("GET", "/"), ("GET", "/reference.jpg"), ("GET", "/stills"), ("POST", "/frames"),
     ("POST", "/find"),
@@ -99,6 +109,39 @@ def test_a_page_from_elsewhere_sends_nothing(
 ) -> None:
     headers = {} if origin is None else {"Origin": origin}
     assert guide.phone.request(method, path, headers=headers, content=b"x").status_code == 403
+
+
+def test_frames_of_one_phone_never_take_the_turn_of_another(
+    guide: Guide, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The flooder's wait for as long as they like; the other's are judged."""
+    go_on = Event()
+    slow = LiveGuidance.judged
+
+    async def judged(live: LiveGuidance, data: bytes, *, phone: str = "", **facts: Any) -> object:
+        while phone == "192.0.2.8" and not go_on.is_set():
+            await asyncio.sleep(0.01)
+        return await slow(live, data, phone=phone, **facts)
+
+    monkeypatch.setattr(LiveGuidance, "judged", judged)
+    data = cv2.imencode(".jpg", wall().resized((640, 480)).seen([HeldPose()], RNG))[1].tobytes()
+    flooder = TestClient(guide.app, base_url=HOST, client=("192.0.2.8", 1))
+    with flooder, ThreadPoolExecutor(6) as pool:
+        flooder.get("/login", params={"token": TOKEN})
+        sent = [
+            pool.submit(flooder.post, "/frames", headers=OWN, content=data)
+            for _ in range(FRAMES_OF_ONE)
+        ]
+        try:
+            wait_for(lambda: all(one.running() for one in sent), "the flood")
+            time.sleep(0.5)
+            refused = flooder.post("/frames", headers=OWN, content=data)
+            assert refused.status_code == 429
+            own = guide.phone.post("/frames", headers=OWN, content=data)
+            assert own.json()["verdict"] == "unsure"  # a first frame: is the hand still?
+        finally:
+            go_on.set()
+        assert {one.result().status_code for one in sent} == {200}
 
 
 def test_the_page_runs_its_own_scripts_alone_and_shows_the_fingerprint(guide: Guide) -> None:
@@ -293,6 +336,7 @@ def test_only_pictures_of_stills_are_served(stills: Stills, tmp_path: Path, path
         assert made.phone.get("/stills/one/after.jpg").content == b"a picture"
         # Changes are many, and the list is asked for every second.
         (listed,) = made.phone.get("/stills").json()
+        assert listed.pop("count") == 0
         assert made.phone.get("/stills/one").json() == listed | {"changes": []}
         assert made.phone.get("/stills/other").status_code == 404
         assert made.phone.get(path).status_code == 404

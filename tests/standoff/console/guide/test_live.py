@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.truth.hand_held import HeldPose
 from calibration.errors import CalibrationError
+from calibration.registration import TrackingReference
 from standoff.console.guide import GuideReference, Judge, LiveGuidance
 from standoff.console.guide._assessment import Assessment
 from standoff.console.guide._live import _MOST_PHONES, FrameError, decoded_frame
@@ -123,6 +124,28 @@ def test_no_more_phones_are_told_apart_than_there_may_be(live: LiveGuidance) -> 
     for number in range(3 * _MOST_PHONES):
         live._known(str(number))
     assert len(live._phones) == _MOST_PHONES
+
+
+def test_the_phone_that_was_heard_longest_ago_is_forgotten_first(live: LiveGuidance) -> None:
+    for number in range(_MOST_PHONES):
+        live._known(str(number))
+    live._known("0")  # is heard again
+    live._known("one more")
+    assert "0" in live._phones
+    assert "1" not in live._phones
+
+
+def test_what_another_phone_shows_takes_no_pose_from_this_one(
+    live: LiveGuidance, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live.look(frame(HeldPose()), phone="own", taken_s=0.0)
+    live.look(frame(HeldPose(), seed=9), phone="other", taken_s=0.1)
+
+    def search(*_: object) -> None:
+        raise AssertionError("the whole frame was searched")
+
+    monkeypatch.setattr(TrackingReference, "anchored", search)
+    assert live.look(frame(HeldPose()), phone="own", taken_s=0.2).verdict == "go"
 
 
 def test_a_smaller_frame_of_a_slower_link_is_followed_on(live: LiveGuidance) -> None:

@@ -17,11 +17,13 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, Request, Route, sync_playwright
 
 import standoff
+from standoff.console.bench_hub import ConsoleHub
 from tests.standoff.console.console_rig import CHROMIUM_OPTIONS, chromium_path, wait_until
 from tests.standoff.console.guide.fake_camera import SCREEN, SIZE, camera_options, write_film
 from tests.standoff.console.guide.scenes import Stills, wall
-from tests.standoff.console.guide.serving import ServedGuide, served_guide
+from tests.standoff.console.guide.serving import TOKEN, ServedGuide, served_guide
 from tests.standoff.console.hub_fixtures import DEADLINE_S
+from tests.standoff.console.served import served
 
 pytestmark = [pytest.mark.slow(minutes=1.0), pytest.mark.waits]
 
@@ -180,6 +182,98 @@ def test_green_goes_as_soon_as_nothing_is_known_any_more(
         assert page.inner_text("#verdict-word") == "…"
 
 
+def test_a_camera_that_was_taken_away_is_opened_again(browser: Browser, guide: ServedGuide) -> None:
+    with opened(browser, guide) as page:
+        page.click("#use-camera")
+        page.wait_for_selector("#verdict.go")
+        page.evaluate("""() => {
+            window.first = window.guide.track;
+            window.first.stop();
+            window.first.dispatchEvent(new Event("ended"));
+        }""")
+        page.wait_for_selector("#fault >> text=opens it again")
+        page.wait_for_selector("#verdict.no >> text=Waiting for the computer")
+        other = "window.guide.track !== window.first && window.guide.track.readyState === 'live'"
+        wait_until(lambda: page.evaluate(other), "the camera is opened again")
+        page.wait_for_selector("#verdict.go")
+        assert page.is_hidden("#fault")
+
+
+def test_a_camera_that_is_mute_is_waited_for(browser: Browser, guide: ServedGuide) -> None:
+    with opened(browser, guide) as page:
+        page.click("#use-camera")
+        page.wait_for_selector("#verdict.go")
+        page.evaluate("""() => {
+            const { track } = window.guide;
+            Object.defineProperty(track, "muted", { value: true, configurable: true });
+            track.dispatchEvent(new Event("mute"));
+        }""")
+        page.wait_for_selector("#verdict.no >> text=Waiting for the computer")
+        wait_until(lambda: page.evaluate("window.guide.inFlight") == 0, "nothing is on its way")
+        sent = page.evaluate("window.guide.sent")
+        page.wait_for_timeout(500)
+        assert page.evaluate("window.guide.sent") == sent  # an old picture is not sent as a new one
+        assert page.inner_text("#verdict-word") == "…"
+        page.evaluate("() => { delete window.guide.track.muted; }")
+        page.wait_for_selector("#verdict.go")
+        assert page.is_hidden("#fault")
+
+
+def test_the_screen_stays_lit_while_the_camera_is_open(
+    browser: Browser, guide: ServedGuide
+) -> None:
+    with opened(browser, guide) as page:
+        page.evaluate("""() => {
+            window.locks = [];
+            const ask = navigator.wakeLock.request.bind(navigator.wakeLock);
+            navigator.wakeLock.request = async (kind) => {
+                const lock = await ask(kind);
+                window.locks.push(lock);
+                return lock;
+            };
+        }""")
+        held = "window.locks.filter(({ released }) => !released).length"
+        page.click("#use-camera")
+        wait_until(lambda: page.evaluate(held) == 1, "the screen is kept lit")
+        page.evaluate("window.locks[0].release()")  # as when the page was hidden
+        wait_until(lambda: page.evaluate(held) == 0, "the lock is lost")
+        page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
+        wait_until(lambda: page.evaluate(held) == 1, "it is asked for again")
+        page.click("#end-camera")
+        wait_until(lambda: page.evaluate(held) == 0, "the screen may go dark")
+
+
+SERIES = """async () => {
+    const { drawSeries } = await import("/static/series.js");
+    const svg = document.getElementById("series-plot");
+    const still = (name, count, state = "done") => ({ name, count, state, pose: { verdict: "go" } });
+    const isDrawn = [
+        drawSeries(svg, [still("20260101-120000-aaaaaaaa", 3), still("other", 1)]),
+        drawSeries(svg, [
+            still("20260301-120000-cccccccc", 6), still("20260101-120000-aaaaaaaa", 0),
+            still("20260131-000000-bbbbbbbb", 3), still("20260201-000000-dddddddd", 1, "failed"),
+        ]),
+    ];
+    document.getElementById("series").hidden = false;
+    const circles = [...svg.querySelectorAll("circle")];
+    return { isDrawn, at: circles.map((one) => [Number(one.getAttribute("cx")), Number(one.getAttribute("cy"))]), says: svg.getAttribute("aria-label") };
+}"""  # noqa: E501  # a line of the page's script
+
+
+def test_photographs_over_time_are_drawn_where_they_belong(
+    browser: Browser, guide: ServedGuide
+) -> None:
+    with opened(browser, guide) as page:
+        found = page.evaluate(SERIES)
+        assert violations(page) == []
+    assert found["isDrawn"] == [False, True]
+    (x0, y0), (x1, y1), (x2, y2) = found["at"]
+    # 1 January 12:00, 31 January 0:00, 1 March 12:00: after 29.5 of 59 days; 0, 3 and 6 changes.
+    assert x1 - x0 == pytest.approx((x2 - x0) * 29.5 / 59)
+    assert y0 - y1 == pytest.approx(y1 - y2)
+    assert found["says"] == "Changes found in 3 photographs, in order of time: 0, 3, 6"
+
+
 def test_a_photograph_that_is_refused_stays_in_the_phone_until_it_is_thrown_away(
     browser: Browser, guide: ServedGuide, stills: Stills
 ) -> None:
@@ -279,6 +373,44 @@ def test_of_several_references_the_one_that_the_camera_sees_is_opened(
             page.wait_for_selector("#find")
         finally:
             context.close()
+
+
+def test_the_console_guides_any_camera_to_a_photograph_that_was_imported(
+    browser: Browser, stills: Stills, tmp_path: Path
+) -> None:
+    hub = ConsoleHub(sessions=tmp_path / "sessions")
+    standoff.import_photographs(
+        [stills.other, stills.reference], hub.sessions.folder / "wall", kind="texture", height_mm=0
+    )
+    hub.start()
+    try:
+        with served(hub, token=TOKEN) as (host, port):
+            context = browser.new_context(viewport={"width": 1280, "height": 900})
+            page = context.new_page()
+            page.set_default_timeout(1e3 * DEADLINE_S)
+            page.goto(f"http://{host}:{port}/guide/")
+            assert page.is_visible("input[name=token]")
+            page.goto(f"http://{host}:{port}/login?token={TOKEN.replace(' ', '%20')}")
+            page.goto(f"http://{host}:{port}/guide/")
+            assert page.is_visible("text=No photograph is chosen yet")
+            assert violations(page) == []
+            page.click("text=The console's photographs")
+            page.click(".picture-choice:has-text('reference.jpg')")
+            page.click("#guide")
+            page.wait_for_selector("#start >> text=reference.jpg of wall")
+            assert violations(page) == []
+            page.click("#use-camera")
+            page.wait_for_selector("#verdict.go")
+            page.click("#shutter")
+            page.wait_for_selector(".still .tag.go")
+            page.wait_for_selector(".still .blink:visible")
+            page.goto(f"http://{host}:{port}/sessions")
+            assert page.locator("tbody tr").count() == 2
+            context.close()
+    finally:
+        hub.close()
+    (one,) = [each.name for each in hub.sessions.summaries() if each.name != "wall"]
+    assert standoff.verify_session(hub.sessions.folder / one).is_ok
 
 
 def test_without_the_code_the_page_asks_for_the_token(browser: Browser, guide: ServedGuide) -> None:

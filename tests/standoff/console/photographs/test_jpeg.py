@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 from PIL import Image, ImageCms
 
-from standoff.console.guide._jpeg import JpegError, jpeg_size, without_location
+from standoff.console.photographs._jpeg import JpegError, jpeg_size, without_location
 
 GPS, MAKE, EXIF_IFD, EXPOSURE = 0x8825, 0x010F, 0x8769, 0x829A
 PLACE = b"51.4778"

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from standoff.console.guide._uploads import (
+from standoff.console.photographs._uploads import (
     LEAST_FREE_BYTES,
     MOST_BYTES,
     MOST_WAITING,
