@@ -251,9 +251,7 @@ def is_elsewhere(
 
 def _left_at(views: AlignedViews, parallax_px: Float32Array) -> Float32Array:
     """Mean difference around the target's pixels, at that parallax."""
-    apart = np.abs(
-        shifted_along(views.source, views, parallax_px, cv2.INTER_LINEAR) - views.target
-    )
+    apart = np.abs(shifted_along(views.source, views, parallax_px, cv2.INTER_LINEAR) - views.target)
     is_seen = np.isfinite(apart)
     window = (_LIKENESS_PX, _LIKENESS_PX)
     total = cv2.blur(np.where(is_seen, apart, np.float32(0)), window)

@@ -216,9 +216,7 @@ def _without_elsewhere(
         range_px,
     )
     elsewhere = enlarged(found.astype(np.float32), factor, own.is_matched.shape) > 0.5
-    return replace(
-        own, is_elsewhere=elsewhere, is_sure=own.is_sure & (own.is_matched | ~elsewhere)
-    )
+    return replace(own, is_elsewhere=elsewhere, is_sure=own.is_sure & (own.is_matched | ~elsewhere))
 
 
 def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:

@@ -273,4 +273,6 @@ def test_a_thing_that_is_matched_from_one_side_is_elsewhere_from_the_other() -> 
     matched[15:45] = False
     views = views_of(target, source, (1.0, 0.0))
     every = np.ones(size, dtype=np.bool_)
-    assert is_elsewhere(views, (level_px, thing_px), (matched, every), (-20, 20))[24:36, 34:46].all()
+    assert is_elsewhere(views, (level_px, thing_px), (matched, every), (-20, 20))[
+        24:36, 34:46
+    ].all()
