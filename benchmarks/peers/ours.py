@@ -123,13 +123,13 @@ def _changed(task: Task) -> ChangeScore:
     except (AnalysisError, CalibrationError, ApplicationError) as error:
         raise PeerError(str(error)) from error
     score = np.abs(np.asarray(found.significance, dtype=np.float64))
-    score[_moved(found)] = 0
+    score[moved_pixels(found)] = 0
     score[~found.valid] = np.nan
     places = [(change.x_px, change.y_px) for change in found.summary.changes]
     return ChangeScore(score=score, places=np.array(places).reshape(-1, 2))
 
 
-def _moved(found: ComparedPhotographs) -> BoolArray:
+def moved_pixels(found: ComparedPhotographs) -> BoolArray:
     """What a shift explains, with what stands out around it by the wider filters alone."""
     moved = found.is_moved.copy()
     for sign in (-1, 1):

@@ -2,6 +2,8 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from benchmarks.peers.blind import curve_of_kernel
 from benchmarks.peers.changes import pca_kmeans
 from benchmarks.peers.edges import Curve, fit_gaussian_edge
 from benchmarks.peers.mtf_mapper import edges_of, program as mtf_mapper
+from benchmarks.peers.ours import moved_pixels
 from benchmarks.peers.page import results_page
 from benchmarks.peers.program import (
     AlignedPoints,
@@ -25,6 +28,7 @@ from benchmarks.peers.program import (
 from benchmarks.peers.run import JOURNAL, Run
 from benchmarks.peers.zoom_outs import Frontal
 from simulation.arrays import FloatArray
+from standoff.library.changes import ComparedPhotographs
 from tests.calibration.closed_form import edge_image
 
 NOISE = {"variance_at_black_dn2": 4.0, "variance_per_dn": 0.25}
@@ -201,3 +205,21 @@ def test_every_program_answers_without_the_truth_what_the_scorer_reads(
     page = results_page(tmp_path / "results", found.scores)
     assert page.count("| **standoff** |") == 5
     assert "- **opencv-sift** (opencv" in page
+
+
+def test_what_stands_out_around_a_movement_is_no_change_and_a_change_beside_it_is() -> None:
+    significance = np.zeros((20, 60))
+    significance[5:15, 5:20] = 12.0  # moved, with a halo
+    significance[5:15, 30:40] = -12.0  # moved, of the other sign, and a change that touches it
+    significance[2, 50] = 9.0  # beyond the threshold, and of neither
+    moved, changed = np.zeros((2, 20, 60), dtype=np.bool_)
+    moved[8:12, 8:16] = moved[8:12, 30:33] = changed[8:12, 36:38] = True
+    found = SimpleNamespace(
+        significance=significance,
+        is_moved=moved,
+        is_change=changed,
+        summary=SimpleNamespace(threshold_sd=5.0),
+    )
+    expected = moved.copy()
+    expected[5:15, 5:20] = True
+    np.testing.assert_array_equal(moved_pixels(cast("ComparedPhotographs", found)), expected)
