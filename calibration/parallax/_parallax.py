@@ -78,7 +78,7 @@ class Parallax(ByValue):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Surface:
+class Surface:
     """Parallax of one view's pixels, its error, where it is matched, known, and that of a surface.
 
     ``is_elsewhere``: what has no match here, and looks like another place on its line.
@@ -129,7 +129,7 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
         geometry = geometry.corrected(better)
         lit = geometry.aligned(target, source).in_own_light()
     own, other = _surfaces(lit, small, matched, factor)
-    is_seen, is_seen_back = _seen_in(own, other, lit), _seen_in(other, own, lit.reversed())
+    is_seen, is_seen_back = seen_in_both(own, other, lit), seen_in_both(other, own, lit.reversed())
     depth = PixelParallax(
         displaced_px=np.stack([own.parallax_px * lit.to_y, own.parallax_px * lit.to_x]),
         restored_px=np.stack([-other.parallax_px * lit.to_y, -other.parallax_px * lit.to_x]),
@@ -165,7 +165,7 @@ def _extremes(parallax_px: FloatArray) -> tuple[float, float]:
 
 def _surfaces(
     views: AlignedViews, small: AlignedViews, matched: MatchedViews, factor: int
-) -> tuple[_Surface, _Surface]:
+) -> tuple[Surface, Surface]:
     """Surfaces of the target's pixels and of the source's."""
     back = views.reversed()
     turned = replace(matched, target=matched.source, source=matched.target)
@@ -179,7 +179,7 @@ def _surfaces(
 
 def _surface_of(
     views: AlignedViews, small: AlignedViews, matched: MatchedViews, factor: int
-) -> _Surface:
+) -> Surface:
     """The surface of the target's pixels by what was matched, and holes in it."""
     rough, agrees = _rough(views, small, matched, factor)
     parallax, error, unlike = refined_parallax(views, rough, agrees, coarse_px=factor)
@@ -187,7 +187,7 @@ def _surface_of(
     parallax, is_hole = filled_holes(parallax, is_matched, views.is_target & views.is_source)
     known = is_matched | is_hole
     filled, is_sure = filled_surface(parallax, known, agrees, views.to_x, views.to_y)
-    return _Surface(
+    return Surface(
         parallax_px=filled,
         error_px=error,
         is_matched=is_matched,
@@ -198,8 +198,8 @@ def _surface_of(
 
 
 def _without_elsewhere(
-    views: AlignedViews, both: tuple[_Surface, _Surface], range_px: tuple[int, int], factor: int
-) -> _Surface:
+    views: AlignedViews, both: tuple[Surface, Surface], range_px: tuple[int, int], factor: int
+) -> Surface:
     """The target's surface less what lies elsewhere, looked for on the image of the matching.
 
     ``both``: the target's surface and the source's.
@@ -219,7 +219,7 @@ def _without_elsewhere(
     return replace(own, is_elsewhere=elsewhere, is_sure=own.is_sure & (own.is_matched | ~elsewhere))
 
 
-def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:
+def seen_in_both(own: Surface, other: Surface, views: AlignedViews) -> BoolArray:
     """Pixels of a surface that nothing hides in the other view, away from both borders."""
     hidden = hidden_in_other(own.parallax_px, other.parallax_px, other.is_known, views)
     hides = other.is_elsewhere.astype(np.float32)
@@ -230,7 +230,7 @@ def _seen_in(own: _Surface, other: _Surface, views: AlignedViews) -> BoolArray:
     return own.is_sure & (own.is_matched | ~hidden) & is_inner & _within(views.is_target)
 
 
-def _apart(own: _Surface, other: _Surface, views: AlignedViews) -> Float32Array:
+def _apart(own: Surface, other: Surface, views: AlignedViews) -> Float32Array:
     """How far the other view's surface is from this one's, which it should be: both err."""
     there = shifted_along(other.parallax_px, views, own.parallax_px, cv2.INTER_LINEAR)
     return np.asarray(np.nan_to_num(np.abs(there - own.parallax_px)), dtype=np.float32)

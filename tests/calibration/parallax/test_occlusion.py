@@ -170,6 +170,15 @@ def test_a_hole_that_one_surface_surrounds_is_filled_by_its_plane(
     np.testing.assert_allclose(filled, true, atol=1e-5)
 
 
+def test_a_hole_on_a_slope_that_joins_two_surfaces_is_not_filled() -> None:
+    """Parallax of two pixels in five is no surface's; of one in five it is."""
+    hole = disc(20, 30, 5)
+    for slope, is_filled in ((0.4, False), (0.2, True)):
+        true = (slope * COLS).astype(np.float32)
+        _, is_hole = filled_holes(np.where(hole, np.float32(50), true), ~hole, ~NONE)
+        assert is_hole.any() == is_filled
+
+
 def test_a_hole_between_two_surfaces_is_left() -> None:
     """As what one photograph hides is."""
     hole = disc(20, 30, 5)
