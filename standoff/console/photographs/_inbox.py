@@ -11,7 +11,7 @@ from threading import Lock
 
 from acquisition.choices import CaptureKind
 from acquisition.errors import ImageFileError
-from acquisition.files import make_results_folder
+from acquisition.files import make_results_folder, write_file
 from acquisition.photographs import IMAGE_SUFFIXES
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
@@ -94,12 +94,18 @@ class PhotographInbox:
             return Received(received=size, path=there.path)
         return self._uploads.add(sha256, offset, data, size)
 
-    def receive(self, path: Path, name: str, *, is_location_removed: bool) -> ArrivedPhotograph:
-        """Take a photograph that has come whole; refuse what is none, whose file is gone then."""
+    def receive(self, sha256: str, name: str, *, is_location_removed: bool) -> ArrivedPhotograph:
+        """Take a photograph that has come whole; refuse what is none, whose file is gone then.
+
+        Of one that is there already the location is removed as well, if that is asked for now.
+        """
         with self._lock:
-            there = self._of(path.name)
+            there = self._of(sha256)
             if there is not None:
+                if is_location_removed:
+                    write_file(there.path, _without_place(read_regular_file(there.path), name))
                 return there
+            path = self._uploads.path_of(sha256)
             try:
                 _refuse_name(name)
                 data = _checked(read_regular_file(path), name)
@@ -107,13 +113,13 @@ class PhotographInbox:
             except (ImageFileError, UploadError):
                 self._uploads.discard(path)
                 raise
-            folder = self._arrived / path.name
+            folder = self._arrived / sha256
             make_folder(folder)
             if kept is not data:
-                path.write_bytes(kept)
+                write_file(path, kept)  # whole or not at all: after a kill it passes for the whole
             path.replace(folder / self._free_name(name))
             self.revision += 1
-            found = self._of(path.name)
+            found = self._of(sha256)
             assert found is not None
             return found
 

@@ -110,6 +110,10 @@ class Uploads:
             received += len(data)
             return self._finished(part, sha256) if received == size else Received(received=received)
 
+    def path_of(self, sha256: str) -> Path:
+        """Where a photograph is once it is whole."""
+        return self._folder / sha256
+
     def discard(self, path: Path) -> None:
         """Forget a photograph that is stored elsewhere, or of no use."""
         path.unlink(missing_ok=True)
@@ -124,7 +128,7 @@ class Uploads:
 
     def _whole(self, sha256: str) -> Received | None:
         """A photograph that waits to be taken, of which the answer may have been lost."""
-        path = self._folder / sha256
+        path = self.path_of(sha256)
         return Received(received=path.stat().st_size, path=path) if path.exists() else None
 
     def _finished(self, part: Path, sha256: str) -> Received:
@@ -133,7 +137,7 @@ class Uploads:
         if found != sha256:
             part.unlink()
             raise TryAgainError("the photograph did not arrive as it was sent; send it again")
-        whole = self._folder / sha256
+        whole = self.path_of(sha256)
         size = part.stat().st_size
         part.replace(whole)
         fsync_directory(self._folder)

@@ -58,9 +58,8 @@ def sent(
     """Send a photograph whole, as a page does."""
     sha256 = hashlib.sha256(data).hexdigest()
     inbox.begin(sha256, len(data), name)
-    path = inbox.add(sha256, 0, data, len(data)).path
-    assert path is not None
-    return inbox.receive(path, name, is_location_removed=is_location_removed)
+    assert inbox.add(sha256, 0, data, len(data)).path is not None
+    return inbox.receive(sha256, name, is_location_removed=is_location_removed)
 
 
 @pytest.fixture
@@ -81,7 +80,7 @@ def test_one_that_is_there_is_not_sent_again(inbox: PhotographInbox) -> None:
     one = sent(inbox, jpeg(), "wall.jpg")
     assert inbox.begin(one.sha256, len(jpeg()), "other.jpg").path == one.path
     assert inbox.add(one.sha256, 0, b"x", 1).path == one.path
-    assert inbox.receive(one.path.with_name(one.sha256), "x.jpg", is_location_removed=False) == one
+    assert inbox.receive(one.sha256, "x.jpg", is_location_removed=False) == one
     assert inbox.arrived() == [one]
 
 
@@ -105,6 +104,10 @@ def test_the_location_is_removed_on_request_and_nothing_else_is_changed(
     assert dict(kept.getexif().get_ifd(GPS)) == {}
     np.testing.assert_array_equal(kept, Image.open(io.BytesIO(data)))
     assert one.sha256 == hashlib.sha256(data).hexdigest()
+    with_place = sent(inbox, jpeg(2, has_place=True), "floor.jpg")
+    again = sent(inbox, jpeg(2, has_place=True), "floor.jpg", is_location_removed=True)
+    assert again.path == with_place.path
+    assert dict(Image.open(io.BytesIO(again.path.read_bytes())).getexif().get_ifd(GPS)) == {}
     with pytest.raises(ImageFileError, match="from JPEG files alone"):
         sent(inbox, png(8, 8), "wall.png", is_location_removed=True)
 
