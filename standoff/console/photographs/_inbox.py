@@ -1,9 +1,11 @@
 """Photographs of one's own: they arrive from any browser, wait, and are imported as sessions."""
 
+import hashlib
 import re
+import shutil
 import struct
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -145,12 +147,27 @@ class PhotographInbox:
                 self._remove_folder(there.path.parent)
                 self.revision += 1
 
-    def move(self, one: ArrivedPhotograph, folder: Path) -> None:
-        """Put a photograph, which was imported, into a folder, as it was sent."""
+    @contextmanager
+    def importing(self, session: Path) -> Iterator[Path]:
+        """Give a folder for a session that takes its place at the end, whole or not at all."""
+        part = self._folder / "importing" / session.name
+        try:
+            shutil.rmtree(part.parent, ignore_errors=True)  # of a run that was killed
+            make_folder(part.parent)
+            yield part
+            part.rename(session)
+        finally:
+            shutil.rmtree(part.parent, ignore_errors=True)
+
+    def move(self, one: ArrivedPhotograph, folder: Path) -> bool:
+        """Put a photograph, which was imported, into a folder; False if it was thrown away."""
         with self._lock:
-            one.path.replace(folder / one.path.name)
+            is_there = one.path.is_file()
+            if is_there:
+                one.path.replace(folder / one.path.name)
             self._remove_folder(one.path.parent)
             self.revision += 1
+        return is_there
 
     @staticmethod
     def _remove_folder(folder: Path) -> None:
@@ -263,14 +280,14 @@ class ImportRequest:
     height_mm: float
     operator: str
 
-    def words(self) -> list[str]:
-        """The command line, without the program."""
+    def words(self, out: Path) -> list[str]:
+        """The command line, without the program, that makes the session at a path."""
         return [
             "import",
             f"--kind={self.kind}",
             f"--height-mm={self.height_mm}",
             f"--operator={self.operator}",
-            f"--out={self.session}",
+            f"--out={out}",
             "--",
             *(str(one.path) for one in self.photographs),
         ]
@@ -286,21 +303,37 @@ def import_arrived(
 
     ``run`` runs a command.
     """
+    session = request.session
     try:
-        run(request.words(), job)
-    except ApplicationError as error:
-        said = str(error)
+        with inbox.importing(session) as part:
+            try:
+                run(request.words(part), job)
+            except ApplicationError as error:
+                raise ApplicationError(_without_folders(str(error), request, part)) from error
+        kept = make_results_folder(session) / PHOTOGRAPHS_FOLDER
+        make_folder(kept)
+        notes = SessionNotes(session, operator=request.operator)
         for one in request.photographs:
-            said = said.replace(f"{one.path.parent}/", "")
-        raise ApplicationError(said) from error
-    kept = make_results_folder(request.session) / PHOTOGRAPHS_FOLDER
-    make_folder(kept)
-    notes = SessionNotes(request.session, operator=request.operator)
-    for one in request.photographs:
-        inbox.move(one, kept)
-        notes.note(
-            f"{one.path.name} was sent to the console as SHA-256 {one.sha256}, and is kept in "
-            f"{RESULTS_FOLDER}/{PHOTOGRAPHS_FOLDER}"
-        )
+            if inbox.move(one, kept):
+                notes.note(_kept_words(one, kept / one.path.name))
+    except OSError as error:
+        raise ApplicationError(f"{session} cannot be written: {error.strerror}") from error
     count = len(request.photographs)
     return f"{count} photograph{'s' * (count > 1)} imported."
+
+
+def _without_folders(said: str, request: ImportRequest, part: Path) -> str:
+    """What the command says, with the names alone of what a page knows by name."""
+    for path in (part, *(one.path for one in request.photographs)):
+        said = said.replace(f"{path.parent}/", "")
+    return said
+
+
+def _kept_words(one: ArrivedPhotograph, path: Path) -> str:
+    """What the journal says of a photograph: how it was sent, and what is kept of it."""
+    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    changed = "" if found == one.sha256 else f" without its location as SHA-256 {found}"
+    return (
+        f"{one.path.name} was sent to the console as SHA-256 {one.sha256}, and is kept{changed} in "
+        f"{RESULTS_FOLDER}/{PHOTOGRAPHS_FOLDER}"
+    )

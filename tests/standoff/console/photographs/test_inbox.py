@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import standoff
-from acquisition.errors import ImageFileError
+from acquisition.errors import ImageFileError, OperatorStopError
 from acquisition.session import Session
 from standoff.console.jobs import Job
 from standoff.console.photographs import (
@@ -230,6 +230,54 @@ def test_an_import_that_fails_keeps_what_has_arrived_and_names_it_by_its_name(
     with pytest.raises(ApplicationError, match=r"^cut\.jpg: "):
         import_arrived(inbox, request_for(inbox, tmp_path / "wall"), Job("import"), run)
     assert [one.path.name for one in inbox.arrived()] == ["cut.jpg"]
+
+
+def test_an_import_that_is_cancelled_leaves_no_session_and_can_be_made_again(
+    inbox: PhotographInbox, tmp_path: Path
+) -> None:
+    sent(inbox, jpeg(), "wall.jpg")
+    session = tmp_path / "wall"
+
+    def run(words: Sequence[str], job: Job) -> object:
+        imported(words, job)  # what it had written when it was cancelled
+        raise OperatorStopError
+
+    with pytest.raises(OperatorStopError):
+        import_arrived(inbox, request_for(inbox, session), Job("import"), run)
+    assert not session.exists()
+    import_arrived(inbox, request_for(inbox, session), Job("import"), imported)
+    assert [path.name for path in inbox._folder.iterdir() if any(path.rglob("*.*"))] == []
+    assert standoff.verify_session(session).is_ok
+
+
+def test_one_that_is_thrown_away_while_it_is_imported_is_imported_and_not_kept(
+    inbox: PhotographInbox, tmp_path: Path
+) -> None:
+    for seed, name in enumerate(["a.jpg", "b.jpg"]):
+        sent(inbox, jpeg(seed), name)
+    request = request_for(inbox, tmp_path / "wall")
+
+    def run(words: Sequence[str], job: Job) -> object:
+        imported(words, job)
+        inbox.discard(request.photographs[0].sha256)
+        return {}
+
+    import_arrived(inbox, request, Job("import"), run)
+    first, second = Session(tmp_path / "wall").records
+    assert photograph_file(tmp_path / "wall", first) == tmp_path / "wall" / first.file
+    assert photograph_file(tmp_path / "wall", second).read_bytes() == jpeg(1)
+
+
+def test_the_journal_says_what_is_kept_of_one_whose_location_was_removed(
+    inbox: PhotographInbox, tmp_path: Path
+) -> None:
+    one = sent(inbox, jpeg(has_place=True), "wall.jpg", is_location_removed=True)
+    import_arrived(inbox, request_for(inbox, tmp_path / "wall"), Job("import"), imported)
+    session = Session(tmp_path / "wall")
+    kept = photograph_file(session.path, session.records[0]).read_bytes()
+    (note,) = [str(event.facts["text"]) for event in session.events if event.kind == "note"]
+    assert one.sha256 in note
+    assert f"without its location as SHA-256 {hashlib.sha256(kept).hexdigest()}" in note
 
 
 def test_a_link_in_a_session_is_not_taken_for_the_photograph(
