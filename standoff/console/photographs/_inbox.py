@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
+from unicodedata import category
 
 from acquisition.choices import CaptureKind
 from acquisition.errors import ImageFileError
@@ -38,6 +39,7 @@ MOST_PX = 64_000_000
 
 LONGEST_NAME_BYTES = 150
 _JPEG_SUFFIXES = (".jpg", ".jpeg")
+_HEIC_SUFFIXES = (".heic", ".heif", ".hif")
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _MEDIA_TYPES = {".png": "png", ".webp": "webp", ".avif": "avif", ".gif": "gif", ".bmp": "bmp"}
@@ -49,6 +51,7 @@ class ArrivedPhotograph:
 
     sha256: str
     path: Path
+    size_bytes: int
     arrived_utc: str
 
     @property
@@ -75,7 +78,7 @@ class PhotographInbox:
 
     def begin(self, sha256: str, size: int, name: str) -> Received:
         """Say where a photograph goes on, 0 for a new one; one that is there is not sent again."""
-        _refuse_name(name)
+        _plain_name(name)
         with self._lock:
             there = self._of(sha256)
             if there is not None:
@@ -109,7 +112,7 @@ class PhotographInbox:
                 return there
             path = self._uploads.path_of(sha256)
             try:
-                _refuse_name(name)
+                name = _plain_name(name)
                 data = _checked(read_regular_file(path), name)
                 kept = _without_place(data, name) if is_location_removed else data
             except (ImageFileError, UploadError):
@@ -187,8 +190,13 @@ class PhotographInbox:
         path = next((each for each in folder.iterdir() if not each.is_symlink()), None)
         if path is None or not path.is_file():
             return None
-        arrived = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        return ArrivedPhotograph(sha256=sha256, path=path, arrived_utc=f"{arrived:%Y-%m-%d %H:%M}")
+        facts = path.stat()
+        return ArrivedPhotograph(
+            sha256=sha256,
+            path=path,
+            size_bytes=facts.st_size,
+            arrived_utc=f"{datetime.fromtimestamp(facts.st_mtime, UTC):%Y-%m-%d %H:%M}",
+        )
 
     def _free_name(self, name: str) -> str:
         """A name that no other has which waits: a session's photographs have different ones."""
@@ -204,7 +212,9 @@ class PhotographInbox:
             raise UploadError(f"{self._folder} is a link, which is not followed: remove it")
 
 
-def _refuse_name(name: str) -> None:
+def _plain_name(name: str) -> str:
+    """The name, with plain spaces: macOS puts narrow ones into those of screenshots."""
+    name = "".join(" " if category(each) == "Zs" else each for each in name)
     if (
         not name.isprintable()
         or name.startswith((".", "-"))
@@ -213,11 +223,17 @@ def _refuse_name(name: str) -> None:
         or on_one_line(name) != name
     ):
         raise UploadError(f"{on_one_line(name)[:60]}: this cannot be the name of a photograph")
-    if Path(name).suffix.lower() not in IMAGE_SUFFIXES:
+    suffix = Path(name).suffix.lower()
+    if suffix in _HEIC_SUFFIXES:
+        raise UploadError(
+            f"{name} is a HEIC photograph, which is not read; send it as JPEG or TIFF"
+        )
+    if suffix not in IMAGE_SUFFIXES:
         raise UploadError(
             f"{name} is no photograph by its name, which must end as .jpg, .png, .tif or that of "
             "another kind of image"
         )
+    return name
 
 
 def _checked(data: bytes, name: str) -> bytes:

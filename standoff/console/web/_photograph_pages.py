@@ -113,7 +113,7 @@ def photographs_document(library: SessionLibrary, inbox: PhotographInbox) -> dic
             {
                 "sha256": one.sha256,
                 "name": one.path.name,
-                "size": size_text(one.path.stat().st_size),
+                "size": size_text(one.size_bytes),
                 "when": one.arrived_utc,
                 "is_shown": bool(one.media_type),
             }

@@ -153,6 +153,17 @@ def test_a_name_that_leads_elsewhere_or_is_that_of_no_photograph_is_refused(
         inbox.begin("0" * 64, 10, name)
 
 
+@pytest.mark.parametrize("name", ["IMG_1.HEIC", "wall.heif"])
+def test_a_heic_photograph_is_refused_with_what_to_do(inbox: PhotographInbox, name: str) -> None:
+    with pytest.raises(UploadError, match="HEIC photograph, which is not read; send it as JPEG"):
+        inbox.begin("0" * 64, 10, name)
+
+
+def test_a_screenshot_of_macos_arrives_with_plain_spaces(inbox: PhotographInbox) -> None:
+    one = sent(inbox, png(8, 8), "Screenshot 2026-01-02 at 1.23.45\u202fPM.png")
+    assert one.path.name == "Screenshot 2026-01-02 at 1.23.45 PM.png"
+
+
 def test_more_than_can_wait_are_refused(
     inbox: PhotographInbox, monkeypatch: pytest.MonkeyPatch
 ) -> None:
