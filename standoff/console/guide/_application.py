@@ -154,10 +154,15 @@ class _Pages:
         ]
 
     async def page(self, request: Request) -> Response:
-        """The page of a reference, or the list of them unless there is one."""
-        if len(self._references) != 1 and "of" not in request.query_params:
+        """The page of a reference, or the list of them unless there is one.
+
+        Of one that is not there any more, as after a restart of the console, it is the list as well.
+        """
+        name = request.query_params.get("of")
+        if name is None and len(self._references) != 1 or name and name not in self._references:
             template = self._templates.get_template("references.html")
-            return HTMLResponse(template.render(references=self._listed(), home=self._home))
+            page = template.render(references=self._listed(), home=self._home, missing=name)
+            return HTMLResponse(page, 404 if name else 200)
         one = self._of(request)
         reference = one.judge.reference
         template = self._templates.get_template("guide.html")

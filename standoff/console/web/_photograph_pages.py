@@ -22,6 +22,7 @@ from standoff.console.photographs import (
     told_fault,
 )
 from standoff.console.session_library import SessionLibrary
+from standoff.console.web._session_commands import MOST_IMPORTED
 
 AT_WORK = 4
 """Requests about photographs that are served at one time."""
@@ -108,6 +109,7 @@ def photographs_document(library: SessionLibrary, inbox: PhotographInbox) -> dic
     arrived = inbox.arrived()
     return {
         "kinds": KINDS,
+        "most_imported": MOST_IMPORTED,
         "revision": inbox.revision,
         "arrived": [
             {

@@ -58,14 +58,17 @@ for (const name of ["dragover", "dragleave", "drop"]) {
 
 // ---- Imported
 
+const chosen = () => $$("#import [name=photograph]:checked");
+
 function offerImport() {
   const form = byId("import");
   if (!form) return;
   const now = new Date().toISOString();
   form.elements.session.value = `photographs ${now.slice(0, 10)} ${now.slice(11, 19).replaceAll(":", "")}`;
+  form.onchange = enable;
   form.onsubmit = (event) => {
     event.preventDefault();
-    const photographs = [...form.querySelectorAll("[name=photograph]:checked")].map(({ value }) => value);
+    const photographs = [...chosen()].map(({ value }) => value);
     const { kind, height, session } = form.elements;
     command("import", { session: session.value, photographs, kind: kind.value, height_mm: height.value ? height.valueAsNumber : 0 });
   };
@@ -135,6 +138,11 @@ function enable() {
   const mayAct = Boolean(control?.is_mine) && !job;
   for (const button of $$("[data-controlled], [data-discard]")) button.disabled = !mayAct;
   for (const id of ["find-changes", "two-distance"]) if (byId(id)) byId(id).disabled = !mayAct || pair.length < 2;
+  if (!byId("import")) return;
+  const most = Number(byId("import").dataset.most);
+  const isTooMany = chosen().length > most;
+  byId("import").querySelector("[type=submit]").disabled = !mayAct || isTooMany || !chosen().length;
+  setText("too-many", isTooMany ? `At most ${most} are imported at a time: leave some for the next session.` : "");
 }
 
 // What is chosen and filled in for the next import: what else arrives does not change it.

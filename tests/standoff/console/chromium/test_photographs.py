@@ -139,6 +139,24 @@ def test_what_is_filled_in_and_chosen_stays_while_something_else_happens(
         assert page.input_value("#note [name=text]") == ""
 
 
+def test_no_more_are_imported_at_a_time_than_the_console_takes(
+    browser: Browser, hub: ConsoleHub, stills: Stills, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("standoff.console.web._photograph_pages.MOST_IMPORTED", 1)
+    with served(hub) as (host, port), opened_page(browser, f"http://{host}:{port}/") as page:
+        page.wait_for_selector("body.mine")
+        send(page, stills.reference, stills.again)
+        page.wait_for_selector("#import button[type=submit]:enabled")
+        assert page.locator("#import [name=photograph]:checked").count() == 1
+        page.check("#import [name=photograph]:not(:checked)")
+        page.wait_for_selector("#too-many >> text=At most 1 are imported at a time")
+        assert page.is_disabled("#import button[type=submit]")
+        for _ in range(2):
+            page.uncheck("#import [name=photograph]:checked >> nth=0")
+        assert page.is_disabled("#import button[type=submit]")
+        judged(page, "none is chosen")
+
+
 def test_a_phone_sends_what_whoever_is_in_control_imports(
     browser: Browser, hub: ConsoleHub, stills: Stills
 ) -> None:
