@@ -156,10 +156,11 @@ class _Pages:
     async def page(self, request: Request) -> Response:
         """The page of a reference, or the list of them unless there is one.
 
-        Of one that is not there any more, as after a restart of the console, it is the list as well.
+        So it is for one that is not there any more, as after a restart of the console.
         """
         name = request.query_params.get("of")
-        if name is None and len(self._references) != 1 or name and name not in self._references:
+        is_missing = bool(name) and name not in self._references
+        if is_missing or (name is None and len(self._references) != 1):
             template = self._templates.get_template("references.html")
             page = template.render(references=self._listed(), home=self._home, missing=name)
             return HTMLResponse(page, 404 if name else 200)
