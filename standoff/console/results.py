@@ -291,7 +291,9 @@ def missing_for(session: Session, *, has_curves: bool) -> dict[ResultKind, str]:
     if pairs < 2:
         lacks["validate"] = "Needs a texture or chart captured at two heights or more."
     if not has_curves:
-        lacks["pose"] = "Choose curves of d' on the bench page, or start the console with --curves."
+        lacks["pose"] = (
+            "Start the console with --curves, or choose curves of d' on the page of its bench."
+        )
     if not records:
         lacks["export"] = "Needs a capture."
     for kind in ("pose", "changes"):

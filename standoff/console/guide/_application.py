@@ -154,10 +154,16 @@ class _Pages:
         ]
 
     async def page(self, request: Request) -> Response:
-        """The page of a reference, or the list of them unless there is one."""
-        if len(self._references) != 1 and "of" not in request.query_params:
+        """The page of a reference, or the list of them unless there is one.
+
+        So it is for one that is not there any more, as after a restart of the console.
+        """
+        name = request.query_params.get("of")
+        is_missing = bool(name) and name not in self._references
+        if is_missing or (name is None and len(self._references) != 1):
             template = self._templates.get_template("references.html")
-            return HTMLResponse(template.render(references=self._listed(), home=self._home))
+            page = template.render(references=self._listed(), home=self._home, missing=name)
+            return HTMLResponse(page, 404 if name else 200)
         one = self._of(request)
         reference = one.judge.reference
         template = self._templates.get_template("guide.html")

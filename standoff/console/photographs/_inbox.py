@@ -1,17 +1,20 @@
 """Photographs of one's own: they arrive from any browser, wait, and are imported as sessions."""
 
+import hashlib
 import re
+import shutil
 import struct
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
+from unicodedata import category
 
 from acquisition.choices import CaptureKind
 from acquisition.errors import ImageFileError
-from acquisition.files import make_results_folder
+from acquisition.files import make_results_folder, write_file
 from acquisition.photographs import IMAGE_SUFFIXES
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
@@ -36,6 +39,7 @@ MOST_PX = 64_000_000
 
 LONGEST_NAME_BYTES = 150
 _JPEG_SUFFIXES = (".jpg", ".jpeg")
+_HEIC_SUFFIXES = (".heic", ".heif", ".hif")
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _MEDIA_TYPES = {".png": "png", ".webp": "webp", ".avif": "avif", ".gif": "gif", ".bmp": "bmp"}
@@ -47,6 +51,7 @@ class ArrivedPhotograph:
 
     sha256: str
     path: Path
+    size_bytes: int
     arrived_utc: str
 
     @property
@@ -73,7 +78,7 @@ class PhotographInbox:
 
     def begin(self, sha256: str, size: int, name: str) -> Received:
         """Say where a photograph goes on, 0 for a new one; one that is there is not sent again."""
-        _refuse_name(name)
+        _plain_name(name)
         with self._lock:
             there = self._of(sha256)
             if there is not None:
@@ -94,26 +99,32 @@ class PhotographInbox:
             return Received(received=size, path=there.path)
         return self._uploads.add(sha256, offset, data, size)
 
-    def receive(self, path: Path, name: str, *, is_location_removed: bool) -> ArrivedPhotograph:
-        """Take a photograph that has come whole; refuse what is none, whose file is gone then."""
+    def receive(self, sha256: str, name: str, *, is_location_removed: bool) -> ArrivedPhotograph:
+        """Take a photograph that has come whole; refuse what is none, whose file is gone then.
+
+        Of one that is there already the location is removed as well, if that is asked for now.
+        """
         with self._lock:
-            there = self._of(path.name)
+            there = self._of(sha256)
             if there is not None:
+                if is_location_removed:
+                    write_file(there.path, _without_place(read_regular_file(there.path), name))
                 return there
+            path = self._uploads.path_of(sha256)
             try:
-                _refuse_name(name)
+                name = _plain_name(name)
                 data = _checked(read_regular_file(path), name)
                 kept = _without_place(data, name) if is_location_removed else data
             except (ImageFileError, UploadError):
                 self._uploads.discard(path)
                 raise
-            folder = self._arrived / path.name
+            folder = self._arrived / sha256
             make_folder(folder)
             if kept is not data:
-                path.write_bytes(kept)
+                write_file(path, kept)  # whole or not at all: after a kill it passes for the whole
             path.replace(folder / self._free_name(name))
             self.revision += 1
-            found = self._of(path.name)
+            found = self._of(sha256)
             assert found is not None
             return found
 
@@ -139,12 +150,27 @@ class PhotographInbox:
                 self._remove_folder(there.path.parent)
                 self.revision += 1
 
-    def move(self, one: ArrivedPhotograph, folder: Path) -> None:
-        """Put a photograph, which was imported, into a folder, as it was sent."""
+    @contextmanager
+    def importing(self, session: Path) -> Iterator[Path]:
+        """Give a folder for a session that takes its place at the end, whole or not at all."""
+        part = self._folder / "importing" / session.name
+        try:
+            shutil.rmtree(part.parent, ignore_errors=True)  # of a run that was killed
+            make_folder(part.parent)
+            yield part
+            part.rename(session)
+        finally:
+            shutil.rmtree(part.parent, ignore_errors=True)
+
+    def move(self, one: ArrivedPhotograph, folder: Path) -> bool:
+        """Put a photograph, which was imported, into a folder; False if it was thrown away."""
         with self._lock:
-            one.path.replace(folder / one.path.name)
+            is_there = one.path.is_file()
+            if is_there:
+                one.path.replace(folder / one.path.name)
             self._remove_folder(one.path.parent)
             self.revision += 1
+        return is_there
 
     @staticmethod
     def _remove_folder(folder: Path) -> None:
@@ -164,8 +190,13 @@ class PhotographInbox:
         path = next((each for each in folder.iterdir() if not each.is_symlink()), None)
         if path is None or not path.is_file():
             return None
-        arrived = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        return ArrivedPhotograph(sha256=sha256, path=path, arrived_utc=f"{arrived:%Y-%m-%d %H:%M}")
+        facts = path.stat()
+        return ArrivedPhotograph(
+            sha256=sha256,
+            path=path,
+            size_bytes=facts.st_size,
+            arrived_utc=f"{datetime.fromtimestamp(facts.st_mtime, UTC):%Y-%m-%d %H:%M}",
+        )
 
     def _free_name(self, name: str) -> str:
         """A name that no other has which waits: a session's photographs have different ones."""
@@ -181,7 +212,9 @@ class PhotographInbox:
             raise UploadError(f"{self._folder} is a link, which is not followed: remove it")
 
 
-def _refuse_name(name: str) -> None:
+def _plain_name(name: str) -> str:
+    """The name, with plain spaces: macOS puts narrow ones into those of screenshots."""
+    name = "".join(" " if category(each) == "Zs" else each for each in name)
     if (
         not name.isprintable()
         or name.startswith((".", "-"))
@@ -190,11 +223,17 @@ def _refuse_name(name: str) -> None:
         or on_one_line(name) != name
     ):
         raise UploadError(f"{on_one_line(name)[:60]}: this cannot be the name of a photograph")
-    if Path(name).suffix.lower() not in IMAGE_SUFFIXES:
+    suffix = Path(name).suffix.lower()
+    if suffix in _HEIC_SUFFIXES:
+        raise UploadError(
+            f"{name} is a HEIC photograph, which is not read; send it as JPEG or TIFF"
+        )
+    if suffix not in IMAGE_SUFFIXES:
         raise UploadError(
             f"{name} is no photograph by its name, which must end as .jpg, .png, .tif or that of "
             "another kind of image"
         )
+    return name
 
 
 def _checked(data: bytes, name: str) -> bytes:
@@ -257,14 +296,14 @@ class ImportRequest:
     height_mm: float
     operator: str
 
-    def words(self) -> list[str]:
-        """The command line, without the program."""
+    def words(self, out: Path) -> list[str]:
+        """The command line, without the program, that makes the session at a path."""
         return [
             "import",
             f"--kind={self.kind}",
             f"--height-mm={self.height_mm}",
             f"--operator={self.operator}",
-            f"--out={self.session}",
+            f"--out={out}",
             "--",
             *(str(one.path) for one in self.photographs),
         ]
@@ -280,21 +319,37 @@ def import_arrived(
 
     ``run`` runs a command.
     """
+    session = request.session
     try:
-        run(request.words(), job)
-    except ApplicationError as error:
-        said = str(error)
+        with inbox.importing(session) as part:
+            try:
+                run(request.words(part), job)
+            except ApplicationError as error:
+                raise ApplicationError(_without_folders(str(error), request, part)) from error
+        kept = make_results_folder(session) / PHOTOGRAPHS_FOLDER
+        make_folder(kept)
+        notes = SessionNotes(session, operator=request.operator)
         for one in request.photographs:
-            said = said.replace(f"{one.path.parent}/", "")
-        raise ApplicationError(said) from error
-    kept = make_results_folder(request.session) / PHOTOGRAPHS_FOLDER
-    make_folder(kept)
-    notes = SessionNotes(request.session, operator=request.operator)
-    for one in request.photographs:
-        inbox.move(one, kept)
-        notes.note(
-            f"{one.path.name} was sent to the console as SHA-256 {one.sha256}, and is kept in "
-            f"{RESULTS_FOLDER}/{PHOTOGRAPHS_FOLDER}"
-        )
+            if inbox.move(one, kept):
+                notes.note(_kept_words(one, kept / one.path.name))
+    except OSError as error:
+        raise ApplicationError(f"{session} cannot be written: {error.strerror}") from error
     count = len(request.photographs)
     return f"{count} photograph{'s' * (count > 1)} imported."
+
+
+def _without_folders(said: str, request: ImportRequest, part: Path) -> str:
+    """What the command says, with the names alone of what a page knows by name."""
+    for path in (part, *(one.path for one in request.photographs)):
+        said = said.replace(f"{path.parent}/", "")
+    return said
+
+
+def _kept_words(one: ArrivedPhotograph, path: Path) -> str:
+    """What the journal says of a photograph: how it was sent, and what is kept of it."""
+    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    changed = "" if found == one.sha256 else f" without its location as SHA-256 {found}"
+    return (
+        f"{one.path.name} was sent to the console as SHA-256 {one.sha256}, and is kept{changed} in "
+        f"{RESULTS_FOLDER}/{PHOTOGRAPHS_FOLDER}"
+    )

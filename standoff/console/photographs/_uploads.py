@@ -26,6 +26,9 @@ LEAST_FREE_BYTES = 2**30
 STALE_S = 7 * 24 * 3600.0
 """A photograph of which nothing came for so long is given up."""
 
+STALE_IN_THE_WAY_S = 3600.0
+"""The same where it is in the way of a new one: it is sent from its beginning then."""
+
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _PART = ".part"
 
@@ -72,10 +75,12 @@ class Uploads:
             part = self._part(sha256)
             if not part.exists():
                 make_folder(self._folder)
-                self._give_up_stale()
-                if len(list(self._folder.iterdir())) >= MOST_WAITING:
+                self._give_up_stale(STALE_S)
+                if self._is_full():
+                    self._give_up_stale(STALE_IN_THE_WAY_S)
+                if self._is_full():
                     raise TryAgainError(
-                        f"{MOST_WAITING} photographs are on their way; wait until one is compared"
+                        f"{MOST_WAITING} photographs are on their way; wait until one is done"
                     )
                 if shutil.disk_usage(self._folder).free < LEAST_FREE_BYTES:
                     raise TryAgainError("the computer's disk is full; make room there")
@@ -110,13 +115,20 @@ class Uploads:
             received += len(data)
             return self._finished(part, sha256) if received == size else Received(received=received)
 
+    def path_of(self, sha256: str) -> Path:
+        """Where a photograph is once it is whole."""
+        return self._folder / sha256
+
     def discard(self, path: Path) -> None:
         """Forget a photograph that is stored elsewhere, or of no use."""
         path.unlink(missing_ok=True)
 
-    def _give_up_stale(self) -> None:
+    def _is_full(self) -> bool:
+        return len(list(self._folder.iterdir())) >= MOST_WAITING
+
+    def _give_up_stale(self, after_s: float) -> None:
         for part in self._folder.glob(f"*{_PART}"):
-            if time.time() - part.stat().st_mtime > STALE_S:
+            if time.time() - part.stat().st_mtime > after_s:
                 part.unlink()
 
     def _part(self, sha256: str) -> Path:
@@ -124,7 +136,7 @@ class Uploads:
 
     def _whole(self, sha256: str) -> Received | None:
         """A photograph that waits to be taken, of which the answer may have been lost."""
-        path = self._folder / sha256
+        path = self.path_of(sha256)
         return Received(received=path.stat().st_size, path=path) if path.exists() else None
 
     def _finished(self, part: Path, sha256: str) -> Received:
@@ -133,7 +145,7 @@ class Uploads:
         if found != sha256:
             part.unlink()
             raise TryAgainError("the photograph did not arrive as it was sent; send it again")
-        whole = self._folder / sha256
+        whole = self.path_of(sha256)
         size = part.stat().st_size
         part.replace(whole)
         fsync_directory(self._folder)

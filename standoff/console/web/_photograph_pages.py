@@ -22,6 +22,7 @@ from standoff.console.photographs import (
     told_fault,
 )
 from standoff.console.session_library import SessionLibrary
+from standoff.console.web._session_commands import MOST_IMPORTED
 
 AT_WORK = 4
 """Requests about photographs that are served at one time."""
@@ -71,7 +72,7 @@ class _Arrivals:
         sha256, size = text_of(request, "sha256"), number_of(request, "bytes")
         name = text_of(request, "name")
         found = await self._receiver.in_thread(lambda: self._inbox.begin(sha256, size, name))
-        return await self._received(request, found)
+        return await self._received(request, sha256, found)
 
     async def part(self, request: Request) -> Response:
         """Add a part; the last one is answered once the whole is verified and checked."""
@@ -79,7 +80,7 @@ class _Arrivals:
         found = await self._receiver.in_thread(
             lambda: self._inbox.add(part.sha256, part.offset, part.data, part.size)
         )
-        return await self._received(request, found)
+        return await self._received(request, part.sha256, found)
 
     async def picture(self, request: Request) -> Response:
         """A photograph that waits, for a browser to show, which decodes it."""
@@ -93,14 +94,14 @@ class _Arrivals:
         headers = {"Content-Security-Policy": PICTURE_POLICY}
         return Response(data, media_type=found[0].media_type, headers=headers)
 
-    async def _received(self, request: Request, found: Received) -> Response:
-        path, name = found.path, text_of(request, "name")
-        if path is not None:
+    async def _received(self, request: Request, sha256: str, found: Received) -> Response:
+        name = text_of(request, "name")
+        if found.path is not None:
             is_removed = text_of(request, "location") == "remove"
             await self._receiver.in_thread(
-                lambda: self._inbox.receive(path, name, is_location_removed=is_removed)
+                lambda: self._inbox.receive(sha256, name, is_location_removed=is_removed)
             )
-        return JSONResponse({"received": found.received, "is_stored": path is not None})
+        return JSONResponse({"received": found.received, "is_stored": found.path is not None})
 
 
 def photographs_document(library: SessionLibrary, inbox: PhotographInbox) -> dict[str, Any]:
@@ -108,12 +109,13 @@ def photographs_document(library: SessionLibrary, inbox: PhotographInbox) -> dic
     arrived = inbox.arrived()
     return {
         "kinds": KINDS,
+        "most_imported": MOST_IMPORTED,
         "revision": inbox.revision,
         "arrived": [
             {
                 "sha256": one.sha256,
                 "name": one.path.name,
-                "size": size_text(one.path.stat().st_size),
+                "size": size_text(one.size_bytes),
                 "when": one.arrived_utc,
                 "is_shown": bool(one.media_type),
             }

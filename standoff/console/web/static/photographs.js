@@ -58,14 +58,17 @@ for (const name of ["dragover", "dragleave", "drop"]) {
 
 // ---- Imported
 
+const chosen = () => $$("#import [name=photograph]:checked");
+
 function offerImport() {
   const form = byId("import");
   if (!form) return;
   const now = new Date().toISOString();
   form.elements.session.value = `photographs ${now.slice(0, 10)} ${now.slice(11, 19).replaceAll(":", "")}`;
+  form.onchange = enable;
   form.onsubmit = (event) => {
     event.preventDefault();
-    const photographs = [...form.querySelectorAll("[name=photograph]:checked")].map(({ value }) => value);
+    const photographs = [...chosen()].map(({ value }) => value);
     const { kind, height, session } = form.elements;
     command("import", { session: session.value, photographs, kind: kind.value, height_mm: height.value ? height.valueAsNumber : 0 });
   };
@@ -114,12 +117,14 @@ function compute(result) {
 }
 
 function offerPairs() {
-  pair = [];
+  const same = (one) => [...$$(".picture-choice")].find(({ dataset }) => dataset.session === one.dataset.session && dataset.index === one.dataset.index);
+  pair = pair.map(same).filter(Boolean);
   for (const button of $$(".picture-choice")) button.onclick = () => choose(button);
   if (!byId("swap")) return;
   byId("swap").onclick = () => { pair.reverse(); showPair(); };
   byId("find-changes").onclick = () => compute("changes");
   byId("two-distance").onclick = () => compute("calibrate");
+  showPair();
 }
 
 // ---- What the console says
@@ -133,19 +138,39 @@ function enable() {
   const mayAct = Boolean(control?.is_mine) && !job;
   for (const button of $$("[data-controlled], [data-discard]")) button.disabled = !mayAct;
   for (const id of ["find-changes", "two-distance"]) if (byId(id)) byId(id).disabled = !mayAct || pair.length < 2;
+  if (!byId("import")) return;
+  const most = Number(byId("import").dataset.most);
+  const isTooMany = chosen().length > most;
+  byId("import").querySelector("[type=submit]").disabled = !mayAct || isTooMany || !chosen().length;
+  setText("too-many", isTooMany ? `At most ${most} are imported at a time: leave some for the next session.` : "");
+}
+
+// What is chosen and filled in for the next import: what else arrives does not change it.
+function filledIn() {
+  const form = byId("import");
+  if (!form) return () => {};
+  const left = new Set([...form.querySelectorAll("[name=photograph]:not(:checked)")].map(({ value }) => value));
+  const values = ["kind", "height", "session"].map((name) => [name, form.elements[name].value]);
+  return () => {
+    const made = byId("import");
+    if (!made) return;
+    for (const box of made.querySelectorAll("[name=photograph]")) box.checked = !left.has(box.value);
+    for (const [name, value] of values) made.elements[name].value = value;
+  };
 }
 
 // What has arrived or was imported meanwhile; what the page says of its own files stays.
-async function refresh() {
+async function refresh(isImported) {
   isRefreshing = true;
   try {
     const answer = await fetch("/photographs");
     if (!answer.ok) return;
     const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+    const fillIn = isImported ? () => {} : filledIn();
     for (const id of ["arrived", "compare"]) byId(id).replaceWith(page.getElementById(id));
     offerImport();
+    fillIn();
     offerPairs();
-    enable();
   } finally {
     isRefreshing = false;
   }
@@ -159,5 +184,5 @@ connection.addEventListener("state", ({ detail }) => {
   enable();
   const isNew = detail.arrivals !== Number(byId("arrived").dataset.revision) && !detail.job;
   const isTyping = document.activeElement.matches("#import input:not([type=checkbox]), #import select");
-  if (!isRefreshing && ((isNew && !isSending && !isTyping) || (isEnded && detail.result.kind === "import"))) refresh();
+  if (!isRefreshing && ((isNew && !isSending && !isTyping) || (isEnded && detail.result.kind === "import"))) refresh(isEnded && detail.result.state === "done");
 });

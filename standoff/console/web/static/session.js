@@ -52,8 +52,23 @@ for (const [name, act] of Object.entries(ACTIONS)) {
   for (const button of document.querySelectorAll(`[data-${name}]`)) button.onclick = () => act(Number(button.dataset[name]));
 }
 
+// What is typed into the journal's forms outlives a reload that something else asks for.
+const DRAFT = `draft of ${session}`;
+const typed = () => document.querySelectorAll("#note input, #set-height input, #set-height select");
+const draft = JSON.parse(sessionStorage.getItem(DRAFT) ?? "[]");
+sessionStorage.removeItem(DRAFT);
+if (draft.length === typed().length) typed().forEach((field, at) => { field.value = draft[at]; });
+
+function reload() {
+  sessionStorage.setItem(DRAFT, JSON.stringify([...typed()].map(({ value }) => value)));
+  location.reload();
+}
+
 function change(what, fields) {
-  connection.addEventListener("changed", () => location.reload(), { once: true });
+  connection.addEventListener("changed", () => {
+    byId(what)?.reset();
+    reload();
+  }, { once: true });
   command(what, { session, ...fields });
 }
 
@@ -82,5 +97,5 @@ connection.addEventListener("state", ({ detail }) => {
   const isEnded = progress.show(detail);
   // Curves were chosen meanwhile, or none: poses can be computed now, or not.
   const isTyping = document.activeElement.matches("input, select");
-  if (isEnded || (pose.is_possible !== hadCurves && !isTyping)) location.reload();
+  if (isEnded || (pose.is_possible !== hadCurves && !isTyping)) reload();
 });

@@ -104,6 +104,59 @@ def test_photographs_are_sent_imported_and_compared_without_a_terminal(
     assert standoff.verify_session(session.path).is_ok
 
 
+def test_what_is_filled_in_and_chosen_stays_while_something_else_happens(
+    browser: Browser, hub: ConsoleHub, stills: Stills, tmp_path: Path
+) -> None:
+    other = smaller(stills.again, tmp_path)
+    with served(hub) as (host, port), opened_page(browser, f"http://{host}:{port}/") as page:
+        page.wait_for_selector("body.mine")
+        send(page, stills.reference)
+        import_all(page, "my wall")
+        page.click(".picture-choice:has-text('reference.jpg')")
+        send(page, stills.again)
+        page.wait_for_selector("#import")
+        page.fill("#import [name=height]", "412.5")
+        page.fill("#import [name=session]", "the same wall")
+        page.select_option("#import [name=kind]", "chart")
+        page.uncheck("#import [name=photograph]")
+        send(page, other)  # as a phone does
+        page.wait_for_selector("#arrived >> text=smaller.jpg")
+        assert [
+            page.input_value(f"#import [name={name}]") for name in ("kind", "height", "session")
+        ] == ["chart", "412.5", "the same wall"]
+        checked = page.locator("#import [name=photograph]:checked")
+        assert checked.count() == 1
+        assert page.locator(".picture-choice[aria-pressed=true] .role").inner_text() == "before"
+        assert page.is_visible("#guide")
+        page.goto(f"http://{host}:{port}{SENT}")
+        page.wait_for_selector("[data-result=verify]:enabled")
+        page.fill("#note [name=text]", "the lamp was ch")
+        page.click("[data-result=verify]")
+        page.wait_for_selector(".found >> text=files match the journal")
+        assert page.input_value("#note [name=text]") == "the lamp was ch"
+        page.click("#note button:enabled")
+        page.wait_for_selector(".log >> text=the lamp was ch")
+        assert page.input_value("#note [name=text]") == ""
+
+
+def test_no_more_are_imported_at_a_time_than_the_console_takes(
+    browser: Browser, hub: ConsoleHub, stills: Stills, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("standoff.console.web._photograph_pages.MOST_IMPORTED", 1)
+    with served(hub) as (host, port), opened_page(browser, f"http://{host}:{port}/") as page:
+        page.wait_for_selector("body.mine")
+        send(page, stills.reference, stills.again)
+        page.wait_for_selector("#import button[type=submit]:enabled")
+        assert page.locator("#import [name=photograph]:checked").count() == 1
+        page.check("#import [name=photograph]:not(:checked)")
+        page.wait_for_selector("#too-many >> text=At most 1 are imported at a time")
+        assert page.is_disabled("#import button[type=submit]")
+        for _ in range(2):
+            page.uncheck("#import [name=photograph]:checked >> nth=0")
+        assert page.is_disabled("#import button[type=submit]")
+        judged(page, "none is chosen")
+
+
 def test_a_phone_sends_what_whoever_is_in_control_imports(
     browser: Browser, hub: ConsoleHub, stills: Stills
 ) -> None:

@@ -183,11 +183,11 @@ def test_a_session_s_page_learns_that_there_are_curves_and_that_there_are_none(
             page = live.page
             page.goto(f"{page.url}sessions/first")
             page.wait_for_selector("[data-curves=no]")
-            assert "Choose curves of d' on the bench page" in text(page, ".results")
+            assert "choose curves of d'" in text(page, ".results")
             assert page.locator("[data-pair=pose]").count() == 0
             hub.curves.choose(hub.curves.store("curves.json", data))
             page.wait_for_selector("[data-pair=pose]")
-            assert "Choose curves of d'" not in text(page, ".results")
+            assert "choose curves of d'" not in text(page, ".results")
             page.focus("[data-pair=pose] [name=followup]")
             hub.curves.choose("")
             page.wait_for_timeout(500)

@@ -290,6 +290,10 @@ def test_of_several_references_the_page_lists_all_and_serves_the_one_asked_for(
     assert "No curves are given" in several.get("/?of=wall-12.jpg").text
     pictures = {several.get(f"/reference.jpg?of=wall-{seed}.jpg").content for seed in (11, 12)}
     assert len(pictures) == 2
+    missing = several.get("/?of=none.jpg")  # chosen before a restart, say
+    assert missing.status_code == 404
+    assert "none.jpg is no reference now" in missing.text
+    assert "wall-11.jpg" in missing.text
     for path in ("/reference.jpg", "/stills?of=none.jpg", "/stills?of=../wall-1.jpg"):
         assert several.get(path).status_code == 404
 

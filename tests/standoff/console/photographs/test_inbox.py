@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import standoff
-from acquisition.errors import ImageFileError
+from acquisition.errors import ImageFileError, OperatorStopError
 from acquisition.session import Session
 from standoff.console.jobs import Job
 from standoff.console.photographs import (
@@ -58,9 +58,8 @@ def sent(
     """Send a photograph whole, as a page does."""
     sha256 = hashlib.sha256(data).hexdigest()
     inbox.begin(sha256, len(data), name)
-    path = inbox.add(sha256, 0, data, len(data)).path
-    assert path is not None
-    return inbox.receive(path, name, is_location_removed=is_location_removed)
+    assert inbox.add(sha256, 0, data, len(data)).path is not None
+    return inbox.receive(sha256, name, is_location_removed=is_location_removed)
 
 
 @pytest.fixture
@@ -81,7 +80,7 @@ def test_one_that_is_there_is_not_sent_again(inbox: PhotographInbox) -> None:
     one = sent(inbox, jpeg(), "wall.jpg")
     assert inbox.begin(one.sha256, len(jpeg()), "other.jpg").path == one.path
     assert inbox.add(one.sha256, 0, b"x", 1).path == one.path
-    assert inbox.receive(one.path.with_name(one.sha256), "x.jpg", is_location_removed=False) == one
+    assert inbox.receive(one.sha256, "x.jpg", is_location_removed=False) == one
     assert inbox.arrived() == [one]
 
 
@@ -105,6 +104,10 @@ def test_the_location_is_removed_on_request_and_nothing_else_is_changed(
     assert dict(kept.getexif().get_ifd(GPS)) == {}
     np.testing.assert_array_equal(kept, Image.open(io.BytesIO(data)))
     assert one.sha256 == hashlib.sha256(data).hexdigest()
+    with_place = sent(inbox, jpeg(2, has_place=True), "floor.jpg")
+    again = sent(inbox, jpeg(2, has_place=True), "floor.jpg", is_location_removed=True)
+    assert again.path == with_place.path
+    assert dict(Image.open(io.BytesIO(again.path.read_bytes())).getexif().get_ifd(GPS)) == {}
     with pytest.raises(ImageFileError, match="from JPEG files alone"):
         sent(inbox, png(8, 8), "wall.png", is_location_removed=True)
 
@@ -148,6 +151,17 @@ def test_a_name_that_leads_elsewhere_or_is_that_of_no_photograph_is_refused(
 ) -> None:
     with pytest.raises(UploadError):
         inbox.begin("0" * 64, 10, name)
+
+
+@pytest.mark.parametrize("name", ["IMG_1.HEIC", "wall.heif"])
+def test_a_heic_photograph_is_refused_with_what_to_do(inbox: PhotographInbox, name: str) -> None:
+    with pytest.raises(UploadError, match="HEIC photograph, which is not read; send it as JPEG"):
+        inbox.begin("0" * 64, 10, name)
+
+
+def test_a_screenshot_of_macos_arrives_with_plain_spaces(inbox: PhotographInbox) -> None:
+    one = sent(inbox, png(8, 8), "Screenshot 2026-01-02 at 1.23.45\u202fPM.png")
+    assert one.path.name == "Screenshot 2026-01-02 at 1.23.45 PM.png"
 
 
 def test_more_than_can_wait_are_refused(
@@ -227,6 +241,54 @@ def test_an_import_that_fails_keeps_what_has_arrived_and_names_it_by_its_name(
     with pytest.raises(ApplicationError, match=r"^cut\.jpg: "):
         import_arrived(inbox, request_for(inbox, tmp_path / "wall"), Job("import"), run)
     assert [one.path.name for one in inbox.arrived()] == ["cut.jpg"]
+
+
+def test_an_import_that_is_cancelled_leaves_no_session_and_can_be_made_again(
+    inbox: PhotographInbox, tmp_path: Path
+) -> None:
+    sent(inbox, jpeg(), "wall.jpg")
+    session = tmp_path / "wall"
+
+    def run(words: Sequence[str], job: Job) -> object:
+        imported(words, job)  # what it had written when it was cancelled
+        raise OperatorStopError
+
+    with pytest.raises(OperatorStopError):
+        import_arrived(inbox, request_for(inbox, session), Job("import"), run)
+    assert not session.exists()
+    import_arrived(inbox, request_for(inbox, session), Job("import"), imported)
+    assert [path.name for path in inbox._folder.iterdir() if any(path.rglob("*.*"))] == []
+    assert standoff.verify_session(session).is_ok
+
+
+def test_one_that_is_thrown_away_while_it_is_imported_is_imported_and_not_kept(
+    inbox: PhotographInbox, tmp_path: Path
+) -> None:
+    for seed, name in enumerate(["a.jpg", "b.jpg"]):
+        sent(inbox, jpeg(seed), name)
+    request = request_for(inbox, tmp_path / "wall")
+
+    def run(words: Sequence[str], job: Job) -> object:
+        imported(words, job)
+        inbox.discard(request.photographs[0].sha256)
+        return {}
+
+    import_arrived(inbox, request, Job("import"), run)
+    first, second = Session(tmp_path / "wall").records
+    assert photograph_file(tmp_path / "wall", first) == tmp_path / "wall" / first.file
+    assert photograph_file(tmp_path / "wall", second).read_bytes() == jpeg(1)
+
+
+def test_the_journal_says_what_is_kept_of_one_whose_location_was_removed(
+    inbox: PhotographInbox, tmp_path: Path
+) -> None:
+    one = sent(inbox, jpeg(has_place=True), "wall.jpg", is_location_removed=True)
+    import_arrived(inbox, request_for(inbox, tmp_path / "wall"), Job("import"), imported)
+    session = Session(tmp_path / "wall")
+    kept = photograph_file(session.path, session.records[0]).read_bytes()
+    (note,) = [str(event.facts["text"]) for event in session.events if event.kind == "note"]
+    assert one.sha256 in note
+    assert f"without its location as SHA-256 {hashlib.sha256(kept).hexdigest()}" in note
 
 
 def test_a_link_in_a_session_is_not_taken_for_the_photograph(

@@ -52,6 +52,10 @@ def test_a_photograph_arrives_in_parts_and_is_shown_in_a_sandbox(
     assert shown.content == DATA
     assert "sandbox" in shown.headers["Content-Security-Policy"]
     assert "wall.jpg" in page.get("/photographs").text
+    again = page.post(ANNOUNCED, headers=OWN)  # the same file chosen once more
+    assert again.json() == {"received": len(DATA), "is_stored": True}
+    assert hub.photographs.arrived() == [one]
+    assert one.path.read_bytes() == DATA
 
 
 @pytest.mark.parametrize("origin", [None, "https://elsewhere.test", "http://console.test"])

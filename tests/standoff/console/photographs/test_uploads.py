@@ -13,6 +13,7 @@ from standoff.console.photographs._uploads import (
     LEAST_FREE_BYTES,
     MOST_BYTES,
     MOST_WAITING,
+    STALE_IN_THE_WAY_S,
     STALE_S,
     TryAgainError,
     UploadError,
@@ -105,9 +106,20 @@ def test_what_was_not_announced_is_refused(uploads: Uploads) -> None:
 def test_only_so_many_are_on_their_way(uploads: Uploads) -> None:
     for number in range(MOST_WAITING):
         uploads.begin(f"{number:064x}", 1)
-    with pytest.raises(TryAgainError, match="wait until one is compared"):
+    with pytest.raises(TryAgainError, match="wait until one is done"):
         uploads.begin(SHA, len(DATA))
     assert uploads.begin(f"{3:064x}", 1).received == 0  # one that is known goes on
+
+
+def test_one_that_nobody_goes_on_with_is_not_in_the_way_for_a_week(
+    uploads: Uploads, tmp_path: Path
+) -> None:
+    for number in range(MOST_WAITING):
+        uploads.begin(f"{number:064x}", 1)
+    old_s = time.time() - STALE_IN_THE_WAY_S - 60
+    os.utime(tmp_path / "incoming" / f"{0:064x}.part", (old_s, old_s))
+    assert uploads.begin(SHA, len(DATA)).received == 0
+    assert not (tmp_path / "incoming" / f"{0:064x}.part").exists()
 
 
 def test_no_photograph_is_begun_on_a_disk_that_is_nearly_full(
