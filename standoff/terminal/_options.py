@@ -364,12 +364,14 @@ Choice = Annotated["library.CurveChoice", MadeBy(_curve_choice)]
 class ListedNumbers:
     """What the numbers of an option may be: from ``least`` (-inf for any), or above 0.
 
-    Of two whole numbers, the second is probably a decimal if it is ``pair_most`` or more.
+    Of two whole numbers, the second is probably a decimal if it is ``pair_most`` or more. Numbers
+    that are written twice count once, unless they ``may_repeat``.
     """
 
     option: str
     least: float | None = None
     pair_most: float | None = None
+    may_repeat: bool = False
 
     @property
     def bound(self) -> str:
@@ -385,7 +387,7 @@ class ListedNumbers:
 
 
 def number_list(text: str, listed: ListedNumbers) -> list[float]:
-    """Read numbers separated by commas, each once, in the order in which they are written."""
+    """Read numbers separated by commas, in the order in which they are written."""
     meant = decimals_meant(text, listed.accepts, listed.pair_most)
     try:
         values = [float(part) for part in text.split(",")]
@@ -413,4 +415,4 @@ def number_list(text: str, listed: ListedNumbers) -> list[float]:
             f"{listed.option} {text} is two numbers, {whole} and {fraction}; "
             f"a single one is written {whole}.{fraction}"
         )
-    return list(dict.fromkeys(values))
+    return values if listed.may_repeat else list(dict.fromkeys(values))
