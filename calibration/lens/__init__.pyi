@@ -18,6 +18,11 @@ from ._document import (
     frequency_units as frequency_units,
     lateral_shifts as lateral_shifts,
 )
+from ._targets import (
+    SectorFigures as SectorFigures,
+    StarFigures as StarFigures,
+    star_figures as star_figures,
+)
 from ._through_focus import (
     FocusField as FocusField,
     FocusPoint as FocusPoint,

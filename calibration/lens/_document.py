@@ -12,6 +12,7 @@ from calibration.documents import json_object
 from calibration.edges import AxisTransfer, EdgeMeasurement, mean_transfer
 from calibration.estimate import Estimate
 from calibration.lens._capacity import CapacityFigures
+from calibration.lens._targets import StarFigures
 from calibration.lens._through_focus import FocusPoint, ThroughFocus
 from calibration.noise import EmvaSheet, NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration
@@ -124,6 +125,8 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
         The noise calibration; None without darks and flats.
     emva
         The data sheet of EMVA 1288; empty without darks and flats.
+    stars
+        What Siemens stars in the photographs tell; empty without any.
     through_focus
         Best focus over the field and depth of field; None of photographs at fewer than five focus
         positions or heights, or without a best focus between them.
@@ -146,6 +149,7 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
     capacity: CapacityFigures | None = None
     noise: NoiseCalibration | None = None
     emva: tuple[DataSheetFigure, ...] = Field(default=(), repr=False)
+    stars: tuple[StarFigures, ...] = Field(default=(), repr=False)
     through_focus: ThroughFocus | None = None
     verdict: SharpnessVerdict | None = None
     edges: tuple[EdgeOfColour, ...] = Field(default=(), repr=False)
@@ -306,6 +310,8 @@ def figure_rows(lens: LensMeasurement) -> Iterator[dict[str, object]]:
     for edge in lens.edges:
         where = edge.model_dump(include={"colour", "image", "x_px", "y_px", "angle_deg"})
         yield from _rows(lens, where | {"part": "edge"}, edge.figures)
+    for star in lens.stars:
+        yield from _star_rows(lens, star)
     if lens.through_focus is not None:
         for point in lens.through_focus.points:
             where = point.model_dump(include={"x_px", "y_px", "angle_deg"})
@@ -318,6 +324,16 @@ def figure_rows(lens: LensMeasurement) -> Iterator[dict[str, object]]:
         where = whole | {"angle_deg": None, "part": "camera"}
         known_as = {"figure": name, "value": value, "err": err, "unit": unit}
         yield where | known_as | {"is_model_free": None}
+
+
+def _star_rows(lens: LensMeasurement, star: StarFigures) -> Iterator[dict[str, object]]:
+    """The star as a whole, then its sectors, whose directions stand as angles."""
+    where: dict[str, object] = {"colour": lens.main.colour, "image": star.image}
+    where |= {"x_px": star.x_px, "y_px": star.y_px}
+    yield from _rows(lens, where | {"part": "star", "angle_deg": None}, star.figures)
+    for sector in star.sectors:
+        turned = {"part": "star_sector", "angle_deg": sector.direction_deg}
+        yield from _rows(lens, where | turned, sector.figures)
 
 
 def _rows(

@@ -14,6 +14,12 @@ from ._resolution import (
     reported_mtf50 as reported_mtf50,
     with_sharpness as with_sharpness,
 )
+from ._star import (
+    StarPlace as StarPlace,
+    StarSfr as StarSfr,
+    find_star as find_star,
+    measure_star as measure_star,
+)
 from ._verdict import (
     CAMERA_TABLES as CAMERA_TABLES,
     MODEL_REMARK as MODEL_REMARK,

@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from calibration.sharpness import MeasuredValue
 
 _FRAMES = "a folder, a pattern such as 'flats/*.tif', or a file with a stack"
-_NAMED = "Name of the {} on the first page."
 _POSITIONS = terminal.ListedNumbers(option="--focus-mm", least=-inf, may_repeat=True)
-_LABELS = ("lens", "camera", "target", "customer", "operator")
 
 
 @terminal.command(
@@ -54,21 +52,8 @@ def lens(
     depth_contrast: Annotated[float, Option(metavar="C")] = 0.2,
     depth_freq_cy_per_px: Annotated[float, Option("--depth-frequency", metavar="CY/PX")] = 0.25,
     reading: terminal.Reading,
-    pixel_pitch_um: Annotated[
-        float | None,
-        Option(
-            parser=terminal.quantity("pixel_pitch_um"),
-            callback=terminal.checked_pitch,
-            metavar="UM",
-        ),
-    ] = None,
-    lens: Annotated[str | None, Option(help=_NAMED.format("lens"), metavar="TEXT")] = None,
-    camera: Annotated[str | None, Option(help=_NAMED.format("camera"), metavar="TEXT")] = None,
-    chart: Annotated[
-        str | None, Option(help=_NAMED.format("target with the edges"), metavar="TEXT")
-    ] = None,
-    customer: Annotated[str | None, Option(help=_NAMED.format("customer"), metavar="TEXT")] = None,
-    operator: Annotated[str | None, Option(help=_NAMED.format("operator"), metavar="TEXT")] = None,
+    pixel_pitch_um: terminal.PixelPitch = None,
+    labels: terminal.Labels,
     bench: Path | None = None,
     limits: Path | None = None,
 ) -> None:
@@ -92,21 +77,17 @@ def lens(
         on both sides of the focus.
     depth_contrast: Contrast that the depth of field is stated for.
     depth_freq_cy_per_px: Frequency of that contrast, in cycles per pixel.
-    pixel_pitch_um: Pixel pitch of the sensor, for lp/mm; by default that of the session's bench
-        file or of the EXIF data.
-    bench: Bench file (TOML) with these names ([labels]) and the pixel pitch ([optics]).
+    bench: Bench file (TOML) with these names (table labels) and the pixel pitch (table optics).
     limits: Limits for pass and fail (TOML); the exit status is 0 even if one fails.
     """
     table, document = out.with_suffix(".csv"), out.with_suffix(".json")
     terminal.refuse_replacing(table, document)
-    named = dict(zip(_LABELS, (lens, camera, chart, customer, operator), strict=True))
     how = terminal.keywords_of(
         library.measure_lens,
         darks=_frames(dark),
         flats=_frames(flat),
         region=_region(region),
         focus_mm=None if focus_mm is None else terminal.number_list(focus_mm, _POSITIONS),
-        labels={name: text for name, text in named.items() if text is not None},
         report=out,
     )
     found = library.measure_lens(

@@ -20,8 +20,11 @@ from calibration.errors import CalibrationError, LensFileError, NoiseError
 from calibration.lens import (
     CapacityFigures,
     Colour,
+    ColourFigures,
+    EdgeOfColour,
     LensMeasurement,
     SharpeningFigures,
+    StarFigures,
     StatedContrast,
     ThroughFocus,
     camera_figures,
@@ -30,6 +33,7 @@ from calibration.lens import (
     data_sheet,
     figure_rows,
     lateral_shifts,
+    star_figures,
     through_focus,
 )
 from calibration.noise import EmvaSheet, NoiseCalibration, NoiseMeasurement
@@ -304,7 +308,7 @@ def measure_lens(
     for remark in (*psf.notes, *known.notes):
         call.announce(remark)
     sources = given.sources(call)
-    colours, edges = colour_figures(_edges_by_colour(given, psf, sources, call))
+    (colours, edges), stars = _seen_again(given, psf, sources, call)
     sharpening = sharpening_of(psf.edges_used)
     capacity = _capacity_of(psf, known.of(given), call)
     focus = _FocusSeries.of_heights(psf, stated) if series is None else series.measured(psf)
@@ -323,6 +327,7 @@ def measure_lens(
         capacity=capacity,
         noise=known.calibration,
         emva=() if known.sheet is None else data_sheet(known.sheet),
+        stars=stars,
         through_focus=focus,
         verdict=psf.verdict,
         provenance=call.provenance(),
@@ -362,10 +367,7 @@ def _noise_of(
         raise ArgumentError(f"give either noise or {stated[0]}", argument="noise")
     if stated:
         found = measure_noise(**frames, reading=call.inputs.options, progress=progress)  # type: ignore[arg-type]  # each is frames
-        for one in (
-            () if found.calibration.provenance is None else found.calibration.provenance.inputs
-        ):
-            call.inputs.add_known(one.path, one.sha256, None)
+        call.inputs.add_all(found.calibration.provenance)
         return _Noise(calibration=found.calibration, measurement=found)
     if noise is not None:
         stored = stored_noise(noise)
@@ -399,18 +401,23 @@ def _capacity_of(
     return capacity
 
 
-def _edges_by_colour(
+def _seen_again(
     given: _Photographs, psf: PsfCalibration, sources: EdgeSources, call: Call
-) -> dict[Colour, Sequence[EdgeMeasurement]]:
-    """Return the edges of every colour, those of the PSF first.
+) -> tuple[tuple[tuple[ColourFigures, ...], tuple[EdgeOfColour, ...]], tuple[StarFigures, ...]]:
+    """Return the figures of every colour, those of the PSF first, and stars of grey or luma.
 
     Every photograph is read once more, which ``sources`` needs to read it again by its name.
     """
     others: dict[Colour, list[EdgeMeasurement]] = {}
+    stars: list[StarFigures] = []
     main: Colour = "green" if psf.channels else "grey"
     selection = given.selection()
     with call.bar("measuring colours", sources.count) as advance_to:
         for done, image in enumerate(sources.images, start=1):
+            if sources.session is None and sources.reading.pattern is None:
+                used = [edge for edge in psf.edges_used if edge.image == image.name]
+                star = star_figures(image.name, image.image_dn, used)
+                stars += () if star is None else (star,)
             for colour, plane in _planes(image, sources.reading.pattern):
                 if psf.channels is None:
                     main = "luma"
@@ -418,7 +425,9 @@ def _edges_by_colour(
                     found = selection.measured_in(plane, "all-angles")
                     others.setdefault(colour, []).extend(with_sharpness(found, plane))
             advance_to(done)
-    return {main: psf.edges} | {name: others[name] for name in _COLOURS if name in others}
+    by_colour: dict[Colour, Sequence[EdgeMeasurement]] = {main: psf.edges}
+    by_colour |= {name: others[name] for name in _COLOURS if name in others}
+    return colour_figures(by_colour), tuple(stars)
 
 
 def _planes(image: EdgeImage, pattern: Pattern | None) -> Iterator[tuple[Colour, EdgeImage]]:

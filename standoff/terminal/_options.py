@@ -104,6 +104,46 @@ def quantity(name: str) -> Callable[[str], float]:
     return parsed
 
 
+PixelPitch = Annotated[
+    float | None,
+    Option(
+        parser=quantity("pixel_pitch_um"),
+        callback=checked_pitch,
+        metavar="UM",
+        help="Pixel pitch of the sensor, for lp/mm; by default that of the session's bench file or "
+        "of the EXIF data.",
+    ),
+]
+
+_Name = Annotated[str | None, Option(metavar="TEXT")]
+
+
+def _labels(
+    lens: _Name = None,
+    camera: _Name = None,
+    chart: _Name = None,
+    customer: _Name = None,
+    operator: _Name = None,
+) -> dict[str, str]:
+    """Return the names that are given, as psf.json calls them.
+
+    Options
+    -------
+    lens: Name of the lens on the first page of the report.
+    camera: Name of the camera on the first page of the report.
+    chart: Name of the target with the edges on the first page of the report.
+    customer: Name of the customer on the first page of the report.
+    operator: Name of the operator on the first page of the report.
+    """
+    named = {"lens": lens, "camera": camera, "target": chart, "customer": customer}
+    return {
+        name: text for name, text in (named | {"operator": operator}).items() if text is not None
+    }
+
+
+Labels = Annotated["dict[str, str]", MadeBy(_labels)]
+
+
 BOARD_FORM = "COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]"
 
 
