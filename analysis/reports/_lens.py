@@ -53,16 +53,22 @@ _DEPARTURES = (
     "pixel but fitted by a Gaussian, a tail and a penalised spline, so that neither bins nor the "
     "window nor the difference blurs the curve, and no correction for them is applied; the edge "
     "may be slightly curved. The contrast of the target is not checked against the standard's 4:1.",
-    "ISO 12233:2024, s-SFR: as in the standard a wave fitted in eight sectors of a star. "
-    "Departures: the centre is found by the program; the part in phase with the star counts, not "
-    "the modulus; contrast is scaled by edges, or extrapolated, not by patches of the chart.",
     "EMVA 1288 release 4, linear model: gain, read noise, saturation, linearity, dark signal and "
     "nonuniformity. Without a calibrated light source there is no quantum efficiency and no "
     "irradiance; figures are in electrons and DN.",
-    "Focus: the position of the largest contrast at one frequency; ISO 12233 and EMVA 1288 have no "
-    "such figures. Third-order field curvature and astigmatism, and a flat target across the axis.",
     "Noise-equivalent quanta: ICRU Report 54. Information by edges: Koren, Electronic Imaging, "
     "2020 to 2024.",
+)
+
+
+_OF_STARS = (
+    "ISO 12233:2024, s-SFR: as in the standard a wave fitted in eight sectors of a star. "
+    "Departures: the centre is found by the program; the part in phase with the star counts, not "
+    "the modulus; contrast is scaled by edges, or extrapolated, not by patches of the chart."
+)
+_OF_FOCUS = (
+    "Focus: the position of the largest contrast at one frequency; ISO 12233 and EMVA 1288 have no "
+    "such figures. Third-order field curvature and astigmatism, and a flat target across the axis."
 )
 
 
@@ -97,7 +103,13 @@ def lens_report(
             None if lens.noise_measurement is None else camera_section(lens.noise_measurement),
             _photographs_section(lens, load),
             _edges_section(lens),
-            ReportSection.of("Standards and departures", *_DEPARTURES, is_folded=True),
+            ReportSection.of(
+                "Standards and departures",
+                *_DEPARTURES,
+                _OF_STARS if lens.stars else None,
+                _OF_FOCUS if lens.through_focus is not None else None,
+                is_folded=True,
+            ),
         ),
         provenance=(*(() if session is None else device_rows(session)), *versions()),
         origin=lens.provenance,
