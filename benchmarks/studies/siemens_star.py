@@ -12,7 +12,7 @@ from PIL import Image
 from scipy.optimize import brentq
 
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.truth.texture_targets import Star
+from benchmarks.truth.siemens_stars import Star
 from calibration.estimate import NORMAL_95
 from calibration.lens import star_figures
 from calibration.sharpness import find_star

@@ -9,7 +9,7 @@ from PIL import Image
 from scipy.optimize import brentq
 
 from benchmarks.truth.focus_scenes import FocusedLens, chart
-from benchmarks.truth.texture_targets import Star
+from benchmarks.truth.siemens_stars import Star
 from calibration.edges import EdgeImage, EdgeSelection
 from calibration.lens import star_figures
 from calibration.sharpness import StarPlace, find_star, measure_star

@@ -1,10 +1,9 @@
-"""Siemens stars and dead leaves whose photographs are known in closed form.
+"""Siemens stars whose photographs are known in closed form.
 
 The light of a sinusoidal star keeps its angular period behind any round Gaussian; what is left of
 its amplitude at a radius is an integral over modified Bessel functions (of the Gaussian in polar
-coordinates). Behind an elliptic one the star is a plane wave about each point. Dead leaves are
-opaque discs over one another, their radii by the inverse cube ("spilled coins"), as Fourier series
-that any camera's transfer multiplies exactly. Shares nothing with ``calibration``.
+coordinates). Behind an elliptic one the star is a plane wave about each point. Shares nothing with
+``calibration``.
 """
 
 from dataclasses import dataclass
@@ -14,7 +13,6 @@ from math import pi
 import numpy as np
 from scipy.special import ive
 
-from benchmarks.truth.lens_scenes import Scene
 from simulation.arrays import FloatArray
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -88,36 +86,3 @@ def _radial(radius_px: float, sigma_px: float, cycles: int) -> tuple[FloatArray,
     weight = weight * ive(cycles, np.abs(source) * table[:, None] / sigma_px**2)
     weight[(source < 0) | (source > radius_px)] = 0.0
     return table, weight.sum(axis=1) * (away[1] - away[0])
-
-
-LEAVES_PX = (3.0, 120.0)
-"""Smallest and largest radius of a leaf."""
-
-
-def dead_leaves(side_px: int, samples_per_px: int, seed: int) -> FloatArray:
-    """Levels of dead leaves on fine cells, periodic, shape (side, side) times the samples.
-
-    Radii are by the inverse cube between the bounds, levels even over 15 to 85 % of 4000 DN; the
-    front leaves are laid last, and cover the ground many times over.
-    """
-    rng = np.random.default_rng(seed)
-    side = side_px * samples_per_px
-    least, most = (one * samples_per_px for one in LEAVES_PX)
-    cells = np.full((side, side), 2000.0)
-    mean_area = 2 * pi * np.log(most / least) / (least**-2 - most**-2)
-    for _ in range(int(6 * side**2 / mean_area)):
-        share = rng.uniform()
-        radius = (least**-2 - share * (least**-2 - most**-2)) ** -0.5
-        x, y = rng.uniform(0, side, 2)
-        half = int(radius) + 1
-        rows = np.arange(int(y) - half, int(y) + half + 1)
-        cols = np.arange(int(x) - half, int(x) + half + 1)
-        inside = (rows[:, None] - y) ** 2 + (cols[None, :] - x) ** 2 <= radius**2
-        block = np.ix_(rows % side, cols % side)
-        cells[block] = np.where(inside, rng.uniform(600, 3400), cells[block])
-    return cells
-
-
-def leaves_scene(cells: FloatArray, samples_per_px: int) -> Scene:
-    """The leaves as a series that a camera's transfer multiplies."""
-    return Scene.of_cells(cells, samples_per_px)
