@@ -1,18 +1,27 @@
 """What Siemens stars tell, as part of a lens.json, beside the edges of the same photograph."""
 
-from collections.abc import Callable, Sequence
-from math import hypot, pi, sqrt
+from collections.abc import Sequence
+from math import hypot, log, pi, sqrt
 from typing import Literal
 
 import numpy as np
 
 from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement
-from calibration.sharpness import EdgeFigures, MeasuredValue, StarSfr, find_star, measure_star
+from calibration.robust import median_err
+from calibration.sharpness import (
+    EdgeFigures,
+    EdgeMtf,
+    MeasuredValue,
+    find_star,
+    mean_of_sectors,
+    measure_star,
+)
 from simulation.arrays import FloatArray
 
 _LEVELS = (("mtf50_cy_per_px", 0.5), ("mtf20_cy_per_px", 0.2), ("mtf10_cy_per_px", 0.1))
-_NEAR = 0.15  # of contrast: about the level, the curve is a parabola
+_NEAR, _NEAR_SHARE = 0.15, 0.75  # of contrast, and of the level
+_STEPS = 6
 _FEWEST = 4
 
 
@@ -62,7 +71,7 @@ def star_figures(
     found = measure_star(image_dn, place, by_edges)
     if found is None:
         return None
-    mtf, err = _mean_of_sectors(found)
+    mtf, err = mean_of_sectors(found.mtf, found.mtf_err)
     known = np.isfinite(mtf)
     freq = found.freq_cy_per_px[known]
     whole = _crossings(freq, mtf[known], err[known], found.scale_err)
@@ -89,11 +98,17 @@ def star_figures(
     )
 
 
-def _of_edges(edges: Sequence[EdgeMeasurement]) -> Callable[[FloatArray], FloatArray] | None:
+def _of_edges(edges: Sequence[EdgeMeasurement]) -> EdgeMtf | None:
     curves = [edge.esfr for edge in edges if edge.esfr is not None]
     if not curves:
         return None
-    return lambda freq: np.median([one.transform(freq).real for one in curves], axis=0)
+
+    def median(freq: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values = np.array([one.transform(freq).real for one in curves])
+        errs = np.array([one.transform_err(freq) for one in curves])
+        return np.median(values, axis=0), median_err(values, errs)
+
+    return median
 
 
 def _ratio(half: MeasuredValue, edges: Sequence[EdgeMeasurement]) -> MeasuredValue | None:
@@ -114,16 +129,6 @@ def _ratio(half: MeasuredValue, edges: Sequence[EdgeMeasurement]) -> MeasuredVal
     return MeasuredValue(value=value, err=value * relative)
 
 
-def _mean_of_sectors(found: StarSfr) -> tuple[FloatArray, FloatArray]:
-    """Mean over the sectors in which a frequency was seen; NaN where fewer than half are."""
-    seen = np.isfinite(found.mtf)
-    count = seen.sum(axis=0)
-    enough = 2 * count >= len(found.mtf)
-    mean = np.where(seen, found.mtf, 0.0).sum(axis=0) / np.maximum(count, 1)
-    err = np.sqrt((np.where(seen, found.mtf_err, 0.0) ** 2).sum(axis=0)) / np.maximum(count, 1)
-    return np.where(enough, mean, np.nan), np.where(enough, err, np.nan)
-
-
 def _crossings(freq: FloatArray, mtf: FloatArray, err: FloatArray, scale_err: float) -> EdgeFigures:
     """Where a curve falls to a half, a fifth and a tenth, with errors."""
     found = {name: _crossing(freq, mtf, err, level, scale_err) for name, level in _LEVELS}
@@ -133,15 +138,20 @@ def _crossings(freq: FloatArray, mtf: FloatArray, err: FloatArray, scale_err: fl
 def _crossing(
     freq: FloatArray, mtf: FloatArray, err: FloatArray, level: float, scale_err: float
 ) -> MeasuredValue | None:
-    """Fit a parabola about the level, and solve it."""
-    near = np.isfinite(mtf) & (np.abs(np.nan_to_num(mtf) - level) < min(_NEAR, 0.9 * level))
+    """Fit the logarithm with a parabola about the level, and solve it."""
+    near = np.isfinite(mtf) & (np.abs(np.nan_to_num(mtf) - level) < min(_NEAR, _NEAR_SHARE * level))
     if near.sum() < _FEWEST or not (mtf[near].min() < level < mtf[near].max()):
         return None
     middle = float(np.median(freq[near]))
-    design = (freq[near] - middle)[:, None] ** np.arange(3) / err[near][:, None]
-    covariance = np.linalg.pinv(design.T @ design)
-    fit = covariance @ design.T @ (mtf[near] / err[near])
-    roots = np.roots([fit[2], fit[1], fit[0] - level])
+    powers = (freq[near] - middle)[:, None] ** np.arange(3)
+    model = mtf[near]
+    for _ in range(_STEPS):  # Gauss and Newton: the logarithm of noisy values would be biased
+        design = model[:, None] * powers / err[near][:, None]
+        covariance = np.linalg.pinv(design.T @ design)
+        left = (mtf[near] - model) / err[near]
+        fit = covariance @ design.T @ (left + model * np.log(model) / err[near])
+        model = np.exp(powers @ fit)
+    roots = np.roots([fit[2], fit[1], fit[0] - log(level)])
     inside = [
         float(one.real)
         for one in roots
@@ -151,7 +161,6 @@ def _crossing(
         return None
     away = min(inside, key=abs)
     slope = fit[1] + 2 * fit[2] * away
-    powers = away ** np.arange(3)
-    by_noise = sqrt(float(powers @ covariance @ powers))
-    spread = hypot(by_noise, scale_err * level) / abs(float(slope))
-    return MeasuredValue(value=middle + away, err=spread)
+    there = away ** np.arange(3)
+    by_noise = sqrt(float(there @ covariance @ there))
+    return MeasuredValue(value=middle + away, err=hypot(by_noise, scale_err) / abs(float(slope)))

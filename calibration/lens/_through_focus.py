@@ -8,9 +8,13 @@ is the best focus, and where it falls to a stated contrast are the ends of the d
 Over the field, the best focus of an edge whose normal is turned by ``a`` from the radius is
 ``z = z0 + tilt_x x + tilt_y y + r^2 (T cos^2 a + S sin^2 a)``: blur that grows with the square of
 the distance from either focus has its least across the edge there. Over an edge of some length, the
-mean counts. T and S are the tangential and
-the sagittal field curvature (third-order aberrations; Born and Wolf, "Principles of optics",
-section 5.3), r is 1 in the corners, x and y go from -1/2 to 1/2 over the picture.
+mean counts. T and S are the tangential and the sagittal field curvature (third-order aberrations;
+Born and Wolf, "Principles of optics", section 5.3), r is 1 in the corners, x and y go from -1/2 to
+1/2 over the picture.
+
+That least blur is not 0 where the foci differ: its variance is ``r^4 (T - S)^2 cos^2 a sin^2 a``
+times that of a mm of defocus. Where the picture grows by a share ``g`` a mm, edges move outwards to
+more of it, and their best focus lies before ``z`` by ``2 g r^4 (T - S)^2 cos^2 a sin^2 a``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,6 +49,7 @@ _OF_ESFR = 5e-3  # relative: what the contrasts of all edges may be off by toget
 _SAME_TURN_DEG = 4.0
 _STEP_SHARE, _SETTLED_SHARE, _SETTLED_PX = 0.06, 0.01, 6.0  # of the diagonal
 _CONDITION_MOST = 1e4
+_FIELD_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,7 +198,7 @@ def through_focus(
     best = np.array([one.best_mm.value for one in points])
     errs = np.array([one.best_mm.err for one in points])
     middle = MeasuredValue(value=float(np.median(best)), err=_median_err(best, errs))
-    found, missing = _field_of(points, picture, axis)
+    found, missing = _field_of(points, picture, axis, _growth_per_mm(tracks, picture))
     return ThroughFocus(
         axis=axis,
         contrast=stated.contrast,
@@ -492,7 +497,7 @@ class _Found(NamedTuple):
 
 
 def _field_of(
-    points: Sequence[FocusPoint], picture: Picture, axis: FocusAxis
+    points: Sequence[FocusPoint], picture: Picture, axis: FocusAxis, growth_per_mm: float
 ) -> tuple[_Found | None, str | None]:
     """Fit tilt and both curvatures to the best focus of the points; or say why not."""
     if len(points) < _FEWEST_POINTS:
@@ -506,9 +511,11 @@ def _field_of(
         )
     best = np.array([one.best_mm.value for one in points])
     errs = np.array([one.best_mm.err for one in points])
-    scatter = _scatter(design, best, errs)
-    weights = 1 / np.hypot(errs, scatter)
-    fit = _least_squares(weights[:, None] * design, weights * best)
+    fit, scatter = _field_fit(design, best, errs)
+    for _ in range(_FIELD_STEPS if growth_per_mm else 0):
+        astigmatism = fit.coefficients[3] - fit.coefficients[4]
+        before = 2 * growth_per_mm * astigmatism**2 * design[:, 3] * design[:, 4]
+        fit, scatter = _field_fit(design, best + before, errs)
 
     def value(*shares: float) -> MeasuredValue:
         by = np.array(shares)
@@ -529,6 +536,28 @@ def _field_of(
         scatter_mm=scatter,
     )
     return _Found(value(1, 0, 0, 0, 0), found), None
+
+
+def _field_fit(design: FloatArray, best: FloatArray, errs: FloatArray) -> tuple[_Fit, float]:
+    """The field, and what the points scatter by about it beyond their errors."""
+    scatter = _scatter(design, best, errs)
+    weights = 1 / np.hypot(errs, scatter)
+    return _least_squares(weights[:, None] * design, weights * best), scatter
+
+
+def _growth_per_mm(tracks: Sequence[_Track], picture: Picture) -> float:
+    """By what share the picture grows a mm of position: edges far from its centre tell."""
+    middle = np.array([((picture.width_px or 1) - 1) / 2, ((picture.height_px or 1) - 1) / 2])
+    slopes, radii = [], []
+    for track in tracks:
+        if len(track.edges) < _FEWEST_POSITIONS:
+            continue
+        away = np.array([(one.x_px, one.y_px) for one in track.edges]) - middle
+        radius = np.hypot(*away.T)
+        slopes.append(float(np.polyfit(track.positions_mm, radius, 1)[0]) / float(radius.mean()))
+        radii.append(float(radius.mean()))
+    far = np.array(radii) >= np.median(radii) if radii else np.zeros(0, np.bool_)
+    return float(np.median(np.array(slopes)[far])) if far.any() else 0.0
 
 
 def _terms(point: FocusPoint, picture: Picture) -> tuple[float, ...]:

@@ -15,9 +15,11 @@ from ._resolution import (
     with_sharpness as with_sharpness,
 )
 from ._star import (
+    EdgeMtf as EdgeMtf,
     StarPlace as StarPlace,
     StarSfr as StarSfr,
     find_star as find_star,
+    mean_of_sectors as mean_of_sectors,
     measure_star as measure_star,
 )
 from ._verdict import (

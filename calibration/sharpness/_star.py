@@ -34,12 +34,16 @@ _RING_SHARE = 0.02
 _FEWEST_PIXELS = 24
 _RING_PIXELS = 30  # in a sector, about
 _FREQ_MOST = 0.5
+_RIM_PERIODS = 1.2  # of the finest one seen: three sigma of a Gaussian blur
 _LOW = (0.85, 0.7, 0.55)  # of the largest contrast: from there up, the curve is extrapolated
 _LOW_RANGE = 2.0  # ratio of the frequencies, of which the first of these that has it is taken
-_NEXT_TERM = 0.3
+_OTHER_SHARE = 0.5
 _FEWEST_LOW = 5
 _OF_EDGES = 3e-3  # relative
 _SEEN_SIGMAS = 3.0
+
+
+EdgeMtf = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,7 +248,7 @@ def _wave(
 
 
 def measure_star(
-    image_dn: FloatArray, place: StarPlace, edge_mtf: Callable[[FloatArray], FloatArray] | None
+    image_dn: FloatArray, place: StarPlace, edge_mtf: EdgeMtf | None
 ) -> StarSfr | None:
     """Measure a star that was found; None if it shows no contrast.
 
@@ -255,7 +259,8 @@ def measure_star(
     place
         Where the star is.
     edge_mtf
-        Contrast by frequency of edges of the same photograph, which say what 1 is; None without.
+        Contrast by frequency of edges of the same photograph, which say what 1 is, and its standard
+        error; None without.
     """
     radii = _ring_radii(place)
     centre = (place.x_px, place.y_px)
@@ -270,15 +275,10 @@ def measure_star(
     contrast = np.column_stack(
         [_in_phase(amplitude[:, k], errs[:, k], freq) for k in range(SECTORS)]
     )
-    known = np.isfinite(contrast)
-    if not known.any():
-        return None
-    weights = np.where(known, errs**-2.0, 0.0)
-    mean = np.sum(np.where(known, contrast, 0.0) * weights, axis=1) / np.maximum(
-        weights.sum(axis=1), 1e-300
-    )
-    mean_err = 1 / np.sqrt(np.maximum(weights.sum(axis=1), 1e-300))
-    scale = _scale(freq, mean, mean_err, edge_mtf)
+    contrast = _at_middles(contrast)
+    mean, mean_err = mean_of_sectors(contrast.T, errs.T)
+    known = np.isfinite(mean)
+    scale = _scale(freq[known], mean[known], mean_err[known], edge_mtf) if known.any() else None
     if scale is None:
         return None
     turns = [(k + 0.5) * 360 / SECTORS for k in range(SECTORS)]
@@ -294,9 +294,10 @@ def measure_star(
 
 
 def _ring_radii(place: StarPlace) -> list[tuple[float, float]]:
-    """Rings from the outer radius inwards, to the frequency of the sampling's limit."""
+    """Rings from inside the blur of the rim inwards, to the frequency of the sampling's limit."""
     least = place.cycles / (2 * pi * _FREQ_MOST)
-    found, high = [], place.outer_px
+    finest_px = 2 * pi * place.inner_px / place.cycles
+    found, high = [], place.outer_px - _RIM_PERIODS * finest_px
     while high > least:
         low = high - max(1.0, _RING_SHARE * high, _RING_PIXELS / (2 * pi / SECTORS * high))
         found.append((max(low, least), high))
@@ -318,6 +319,29 @@ def _in_phase(amplitude: FloatArray, errs: FloatArray, freq: FloatArray) -> Floa
     turn = fit[0] + fit[1] * freq[known] + fit[2] / freq[known]
     found[known] = (amplitude[known] * np.exp(-1j * turn)).real
     return found
+
+
+def _at_middles(contrast: FloatArray) -> FloatArray:
+    """Contrast at the middle of each ring, of the means over rings that follow one another.
+
+    A mean over a ring exceeds the middle by a 24th of the second difference of such means.
+    """
+    second = contrast[:-2] - 2 * contrast[1:-1] + contrast[2:]
+    second = np.concatenate([second[:1], second, second[-1:]]) if len(second) else second
+    return contrast - np.nan_to_num(second) / 24 if len(second) else contrast
+
+
+def mean_of_sectors(mtf: FloatArray, err: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean over the sectors in which a frequency was seen; NaN where fewer than half are.
+
+    Sectors weigh the same, whatever their errors: contrasts differ by direction.
+    """
+    seen = np.isfinite(mtf)
+    count = seen.sum(axis=0)
+    enough = 2 * count >= len(mtf)
+    mean = np.where(seen, mtf, 0.0).sum(axis=0) / np.maximum(count, 1)
+    spread = np.sqrt((np.where(seen, err, 0.0) ** 2).sum(axis=0)) / np.maximum(count, 1)
+    return np.where(enough, mean, np.nan), np.where(enough, spread, np.nan)
 
 
 def _lowest(freq: FloatArray, mean: FloatArray) -> BoolArray:
@@ -342,23 +366,27 @@ def _scale(
     freq: FloatArray,
     mean: FloatArray,
     errs: FloatArray,
-    edge_mtf: Callable[[FloatArray], FloatArray] | None,
+    edge_mtf: EdgeMtf | None,
 ) -> _Scale | None:
     low = _lowest(freq, mean)
     if low.sum() < _FEWEST_LOW:
         return None
     if edge_mtf is not None:
-        known = edge_mtf(freq[low])
+        known, known_err = edge_mtf(freq[low])
         ratio = float(np.sum(mean[low] * known) / np.sum(known**2))
-        return _Scale(ratio, _OF_EDGES)
+        by_noise = float(np.sqrt(np.sum((errs[low] * known) ** 2)) / np.sum(known**2)) / ratio
+        # One edge is wrong at all frequencies alike.
+        by_edges = float(np.sum(known_err * known) / np.sum(known**2))
+        return _Scale(ratio, float(np.linalg.norm([by_noise, by_edges, _OF_EDGES])))
     weight = mean[low] / errs[low]
-    values = []
-    for powers in ((0, 2), (0, 2, 4)):
+    values, noise = [], []
+    # The transfer of a lens that is limited by diffraction falls from 0 on like a line, not like
+    # a parabola, and that of scattered light like neither.
+    for powers in ((0, 2, 4), (0, 1, 2)):
         design = np.column_stack([freq[low] ** power for power in powers]) * weight[:, None]
         covariance = np.linalg.pinv(design.T @ design)
         fit = covariance @ design.T @ (weight * np.log(mean[low]))
         values.append(float(fit[0]))
-    # The next term of the series may be as large as the last one was.
-    beyond = _NEXT_TERM * abs(values[1] - values[0])
-    err = float(np.hypot(np.sqrt(covariance[0, 0]), beyond))
+        noise.append(float(np.sqrt(covariance[0, 0])))
+    err = float(np.hypot(noise[-1], _OTHER_SHARE * abs(values[1] - values[0])))
     return _Scale(float(np.exp(values[1])), err)
