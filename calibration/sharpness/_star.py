@@ -3,7 +3,7 @@
 All edges of a star point at its centre: lines along them are counted where they meet, by direction,
 so that a few long edges elsewhere do not count as one. Around the centre, the angular period that
 rings share is that of the star, and the phase that sectors share says where its centre is. In each
-ring of each of eight sectors (ISO 12233:2023, annex F), a wave of that period is fitted; the part
+ring of each of eight sectors (ISO 12233:2024), a wave of that period is fitted; the part
 in phase with the star is the contrast, in which noise cancels.
 
 The contrast of the target itself is not known. The curve is 1 at frequency 0: by edges of the same
