@@ -470,6 +470,11 @@ class Inputs:
         """List a file whose hash and encoding another process found out."""
         self._list(Path(path), sha256, encoding)
 
+    def add_all(self, made: Provenance | None) -> None:
+        """List the files that another result was made from."""
+        for one in () if made is None else made.inputs:
+            self.add_known(one.path, one.sha256, None)
+
     def provenance(self, command: str) -> Provenance:
         """Return the provenance of what is made from all that has been read."""
         return Provenance(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from acquisition.session import Session
 from analysis.reports._bench import device_rows, versions
+from analysis.reports._lens_focus import focus_section
 from analysis.reports._noise import camera_section
 from analysis.reports._page import (
     Report,
@@ -18,6 +19,7 @@ from analysis.reports._page import (
     ReportTable,
     Verdict,
     in_report_style,
+    new_figure,
     new_plot,
     present,
 )
@@ -25,7 +27,7 @@ from analysis.reports._psf import calibration_front, edges_section, verdict_sect
 from analysis.reports._psf_field import field_map_section, lateral_colour_section
 from calibration.edges import EdgeMeasurement
 from calibration.estimate import NORMAL_95, with_reach
-from calibration.lens import CapacityFigures, LensMeasurement, frequency_units
+from calibration.lens import CapacityFigures, LensMeasurement, StarFigures, frequency_units
 from calibration.robust import median_err
 from calibration.sharpness import (
     EdgeFigures,
@@ -59,6 +61,17 @@ _DEPARTURES = (
 )
 
 
+_OF_STARS = (
+    "ISO 12233:2024, s-SFR: as in the standard a wave fitted in eight sectors of a star. "
+    "Departures: the centre is found by the program; the part in phase with the star counts, not "
+    "the modulus; contrast is scaled by edges, or extrapolated, not by patches of the chart."
+)
+_OF_FOCUS = (
+    "Focus: the position of the largest contrast at one frequency; ISO 12233 and EMVA 1288 have no "
+    "such figures. Third-order field curvature and astigmatism, and a flat target across the axis."
+)
+
+
 def lens_report(
     lens: LensMeasurement,
     load: Callable[[str], NDArray[np.floating[Any]]],
@@ -84,11 +97,19 @@ def lens_report(
             _sharpness_section(lens),
             field_map_section(psf),
             lateral_colour_section(psf),
+            _stars_section(lens),
+            focus_section(lens),
             _information_section(lens.capacity),
             None if lens.noise_measurement is None else camera_section(lens.noise_measurement),
             _photographs_section(lens, load),
             _edges_section(lens),
-            ReportSection.of("Standards and departures", *_DEPARTURES, is_folded=True),
+            ReportSection.of(
+                "Standards and departures",
+                *_DEPARTURES,
+                _OF_STARS if lens.stars else None,
+                _OF_FOCUS if lens.through_focus is not None else None,
+                is_folded=True,
+            ),
         ),
         provenance=(*(() if session is None else device_rows(session)), *versions()),
         origin=lens.provenance,
@@ -102,6 +123,8 @@ def _standards(lens: LensMeasurement) -> Iterator[tuple[str, str]]:
     named = []
     if any(edge.figures.is_model_free for edge in lens.edges):
         named.append("ISO 12233:2024 (e-SFR, annex D)")
+    if lens.stars:
+        named.append("ISO 12233:2024 (s-SFR)")
     if lens.noise_measurement is not None:
         named.append("EMVA 1288 R4 (linear)")
     if named:
@@ -324,6 +347,77 @@ def _plot_edge_profile(edges: Iterable[EdgeMeasurement]) -> Figure | None:
     for level in (0.0, 1.0):
         axes.axhline(level, color=POINTS, linewidth=0.8, linestyle=":")
     axes.set(xlabel="distance across the edge / px", ylabel="level", xlim=(-reach, reach))
+    return figure
+
+
+def _stars_section(lens: LensMeasurement) -> ReportSection | None:
+    """Stars beside the edges of the same photographs; None without any."""
+    if not lens.stars:
+        return None
+    first = lens.stars[0]
+    by = {"edges": "by the edges of the photograph", "extrapolation": "extrapolated"}
+    return ReportSection.of(
+        "Siemens stars",
+        "Contrast of a wave around the centre of the star, in eight sectors (ISO 12233, s-SFR), as "
+        "far as half a cycle a pixel. Contrast 1 is that at frequency 0: "
+        f"{', '.join(dict.fromkeys(by[star.scaled_by] for star in lens.stars))}.",
+        ReportTable.of(
+            lens.stars,
+            {
+                "star": lambda one: f"({one.x_px:.1f}, {one.y_px:.1f}), {one.cycles} cycles",
+                "MTF50 / (cy/px)": lambda one: _text(one.figures.mtf50_cy_per_px),
+                "MTF20 / (cy/px)": lambda one: _text(one.figures.mtf20_cy_per_px),
+                "MTF10 / (cy/px)": lambda one: _text(one.figures.mtf10_cy_per_px),
+                "MTF50 over that of the edges": lambda one: _text(one.mtf50_over_edges),
+            },
+        ),
+        ReportFigure.of(_plot_star(first), "Contrast by frequency of the first star, 95 % bars."),
+        ReportFigure.of(
+            _plot_sectors(first),
+            "MTF50 of its sectors, at their directions from its centre (y down), with 95 % bars: "
+            "of the contrast across that direction.",
+        ),
+    )
+
+
+def _text(known: MeasuredValue | None) -> str:
+    return "" if known is None else known.estimate.text(4)
+
+
+@in_report_style
+def _plot_star(star: StarFigures) -> Figure:
+    """Plot the contrast of a star, mean over its sectors."""
+    figure, axes = new_plot(3.6, 2.6)
+    axes.errorbar(
+        star.freq_cy_per_px,
+        star.mtf,
+        yerr=NORMAL_95 * np.array(star.mtf_err),
+        fmt=".",
+        markersize=3,
+        linewidth=0.8,
+        color=INK,
+    )
+    axes.set(xlabel="frequency / (cy/px)", ylabel="contrast", xlim=(0, 0.5), ylim=(0, None))
+    return figure
+
+
+@in_report_style
+def _plot_sectors(star: StarFigures) -> Figure:
+    """Map the MTF50 of the sectors of a star by direction."""
+    figure = new_figure(2.8, 2.8)
+    axes: Any = figure.add_subplot(projection="polar")
+    known = [
+        (one.direction_deg, half.value, NORMAL_95 * half.err)
+        for one in star.sectors
+        if (half := one.figures.mtf50_cy_per_px) is not None
+    ]
+    if known:
+        turn, half_of, reach = np.array(known).T
+        axes.errorbar(
+            np.deg2rad(turn), half_of, yerr=reach, fmt="o", markersize=4, linewidth=1.0, color=BLUE
+        )
+        axes.set(ylim=(0, 1.15 * float(np.max(half_of))))
+    axes.set_theta_direction(-1)
     return figure
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -14,13 +15,21 @@ from analysis.reports._page import (
     ReportSection,
     ReportTable,
     in_report_style,
+    new_figure,
     new_plot,
 )
 from calibration.errors import CalibrationError
 from calibration.estimate import NORMAL_95, with_reach
-from calibration.psf import PsfCalibration, focus_repeatability, psf_change
+from calibration.psf import (
+    FALSE_ALARMS,
+    ControlChart,
+    PsfCalibration,
+    control_charts,
+    focus_repeatability,
+    psf_change,
+)
 from simulation.figures import figure_of
-from simulation.palette import BLUE, VERMILION
+from simulation.palette import BLUE, GREEN, INK, VERMILION
 
 _UNKNOWN = "unknown"
 _COLOURS = {"sigma_x_px": BLUE, "sigma_y_px": VERMILION}
@@ -71,6 +80,7 @@ def history_document(history: dict[str, list[HistoryEntry]]) -> dict[str, Any]:
             {
                 "serial": serial,
                 **_focus(entries),
+                "control_charts": [one.to_json() for one in _charts(entries)],
                 "calibrations": [
                     {
                         "file": entry.name,
@@ -99,6 +109,10 @@ def history_document(history: dict[str, list[HistoryEntry]]) -> dict[str, Any]:
 def history_sections(history: dict[str, list[HistoryEntry]]) -> tuple[ReportSection, ...]:
     """Return one section for each camera."""
     return tuple(_camera_section(serial, entries) for serial, entries in history.items())
+
+
+def _charts(entries: Sequence[HistoryEntry]) -> tuple[ControlChart, ...]:
+    return control_charts([entry.psf for entry in entries])
 
 
 def _focus(entries: Sequence[HistoryEntry]) -> dict[str, float | None]:
@@ -163,10 +177,12 @@ def _compared(entries: list[HistoryEntry]) -> list[HistoryEntry]:
 
 def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
     focus = focus_repeatability([entry.psf for entry in entries])
+    charts = _charts(entries)
     return ReportSection.of(
         f"Camera {serial}",
         "Every calibration is compared with the first one of its camera.",
         None if focus is None else f"{str(focus).capitalize()}.",
+        *(f"{str(chart).capitalize()}." for chart in charts),
         ReportTable.of(
             entries,
             {
@@ -182,7 +198,62 @@ def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
         ReportFigure.if_drawn(
             plot_history(entries), "Total widths over time; bars are 95 % intervals."
         ),
+        ReportFigure.of(
+            _plot_charts(charts),
+            "Control charts. Left: the calibrations with 95 % bars, their mean (before a drift) "
+            "and three standard errors to either side. Right: cumulative sums of the differences "
+            "from the mean of all before, over their errors, of rises and of falls; 1 in "
+            f"{1 / FALSE_ALARMS:.0f} histories without a change passes a dashed line. Shaded: when "
+            "a drift began.",
+        )
+        if charts
+        else None,
     )
+
+
+@in_report_style
+def _plot_charts(charts: Sequence[ControlChart]) -> Figure:
+    """Plot each parameter with its limits, and beside it the sums that are judged."""
+    figure = new_figure(6.6, 2.1 * len(charts) + 0.4)
+    panels: Any = figure.subplots(len(charts), 2, sharex=True, squeeze=False)
+    for (values, sums), chart in zip(panels, charts, strict=True):
+        moments: Any = [datetime.fromisoformat(one) for one in chart.captured_utc]
+        errs = np.array(chart.errs)
+        values.errorbar(
+            moments,
+            chart.values,
+            yerr=NORMAL_95 * errs,
+            fmt="o",
+            markersize=3,
+            linewidth=0.8,
+            color=INK,
+        )
+        values.axhline(chart.centre, color=BLUE, linewidth=1.0)
+        for side in (-3.0, 3.0):
+            values.step(
+                moments, chart.centre + side * errs, color=BLUE, linewidth=0.8, linestyle="--",
+                where="mid",
+            )  # fmt: skip
+        values.set(ylabel=chart.parameter.replace("_px", " / px").replace("_", " "))
+        for name, line, colour in (
+            ("rises", chart.upwards, VERMILION),
+            ("falls", chart.downwards, GREEN),
+        ):
+            sums.plot(moments, line, "o-", markersize=3, linewidth=1.0, color=colour, label=name)
+        sums.axhline(chart.limit, color=INK, linewidth=0.8, linestyle="--")
+        sums.set(ylabel="sum / standard errors", ylim=(0, None))
+        if chart.drift is not None:
+            for axes in (values, sums):
+                axes.axvspan(
+                    datetime.fromisoformat(chart.drift.after_utc),
+                    datetime.fromisoformat(chart.drift.before_utc),
+                    color=VERMILION,
+                    alpha=0.12,
+                )
+    for axes in panels[-1]:
+        axes.tick_params(axis="x", labelrotation=20)
+    figure.legend(*panels[0][1].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
 
 
 def _width(value: float | None, err: float | None) -> str:

@@ -13,5 +13,4 @@ from ._quanta import (
     edge_location_err_px as edge_location_err_px,
     edge_shift_snr as edge_shift_snr,
     ideal_observer_snr as ideal_observer_snr,
-    noise_power_spectrum as noise_power_spectrum,
 )

@@ -46,7 +46,7 @@ def information_bits_per_px(camera: SignalAndNoise, range_dn: float) -> float:
     fx = np.concatenate([-freq[::-1], freq])[None, :]
     weights = weight[:, None] * np.concatenate([weight[::-1], weight])
     power = range_dn**2 / 12 * np.asarray(camera.transfer(fx, freq[:, None])) ** 2
-    bits = np.log2(1 + power / camera.noise.at(fx, freq[:, None]))
+    bits = np.log2(1 + power / camera.noise.variance_dn2)
     return float(np.sum(weights * bits))
 
 

@@ -15,12 +15,11 @@ and Myers, "Foundations of image science", Wiley, 2004, section 13.2.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import ceil, inf, pi, sqrt
 from typing import Final, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import j1
 
 from simulation.arrays import FloatArray
@@ -114,43 +113,19 @@ class GaussianSpot:
         return np.asarray(2 * pi * variance * np.exp(-2 * pi**2 * variance * (fx**2 + fy**2)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NoisePower:
-    """Noise power of an image in DN^2 px^2, or per px^2 of frequency: white, or a radial spectrum.
+    """White noise of an image: its power, in DN^2 px^2, is the variance of a pixel everywhere.
 
-    ``variance_dn2`` is the variance of a pixel, ``relative_err`` the standard error of its root.
-    ``freq_cy_per_px`` and ``shape`` are the spectrum over that of white noise, which has mean 1
-    over all frequencies; without them the noise is white.
+    ``relative_err`` is the standard error of the variance's root.
     """
 
     variance_dn2: float
     relative_err: float = 0.0
-    freq_cy_per_px: tuple[float, ...] = field(default=(), repr=False)
-    shape: tuple[float, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         if not 0 < self.variance_dn2 < inf:
             raise ValueError(f"variance_dn2 must be positive, got {self.variance_dn2}")
-        if len(self.freq_cy_per_px) != len(self.shape):
-            raise ValueError(
-                f"a noise spectrum of {len(self.freq_cy_per_px)} frequencies has "
-                f"{len(self.shape)} values"
-            )
-        if self.shape and not min(self.shape) > 0:
-            raise ValueError("a noise spectrum must be positive everywhere")
-
-    @property
-    def is_white(self) -> bool:
-        """Whether the noise of neighbouring pixels is independent."""
-        return not self.shape
-
-    def at(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
-        """Return the noise power at frequencies; beyond Nyquist it repeats."""
-        fx, fy = np.broadcast_arrays(fx, fy)
-        if self.is_white:
-            return np.full(fx.shape, self.variance_dn2)
-        folded = np.hypot(fx - np.round(fx), fy - np.round(fy))
-        return np.asarray(self.variance_dn2 * np.interp(folded, self.freq_cy_per_px, self.shape))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -173,7 +148,7 @@ class SignalAndNoise:
     def neq(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
         """Noise-equivalent quanta per px at frequencies in cy/px; the two broadcast."""
         signal = self.signal_dn * np.asarray(self.transfer(fx, fy))
-        return np.asarray(signal**2 / self.noise.at(fx, fy))
+        return np.asarray(signal**2 / self.noise.variance_dn2)
 
     def neq_err(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
         """Return the standard error of `neq`, from the noise and, if known, from the transfer."""
@@ -181,7 +156,7 @@ class SignalAndNoise:
         by_noise = 2 * self.noise.relative_err * value
         if self.transfer_err is None:
             return by_noise
-        slope = 2 * self.signal_dn**2 * np.abs(self.transfer(fx, fy)) / self.noise.at(fx, fy)
+        slope = 2 * self.signal_dn**2 * np.abs(self.transfer(fx, fy)) / self.noise.variance_dn2
         return np.asarray(np.hypot(by_noise, slope * self.transfer_err(fx, fy)))
 
     def sharper_by_err(self) -> "SignalAndNoise | None":
@@ -275,74 +250,6 @@ def _half_plane(extent_px: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     both = np.concatenate([-freq[::-1], freq])
     weights = np.concatenate([weight[::-1], weight])
     return both[None, :], freq[:, None], weight[:, None] * weights
-
-
-def noise_power_spectrum(frames_dn: ArrayLike, block_px: int = 64) -> NoisePower:
-    """Measure the noise power of several frames of one evenly lit surface.
-
-    The mean of the frames is taken off, and with it all that stands still: fixed pattern, shading
-    and dust. What is left is cut into overlapping blocks, windowed (Hann) and transformed; the
-    spectrum is averaged over blocks and frames and over rings of frequency. It is for use from
-    Python: ``standoff lens`` takes noise as white.
-
-    Parameters
-    ----------
-    frames_dn
-        Linear levels, shape ``(frames, rows, cols)``; two frames at least.
-    block_px
-        Side of the blocks.
-
-    Returns
-    -------
-    NoisePower
-        Of one frame, with the variance in DN^2 and the spectrum by frequency to its corner at
-        0.71 cy/px.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two frames, or they are smaller than a block or do not differ.
-    """
-    frames = np.asarray(frames_dn, dtype=np.float64)
-    if frames.ndim != 3 or frames.shape[0] < 2:
-        raise ValueError(f"two frames at least are needed, got shape {frames.shape}")
-    if min(frames.shape[1:]) < block_px:
-        raise ValueError(f"frames of {frames.shape[1:]} are smaller than a block of {block_px} px")
-    left = (frames - frames.mean(axis=0)) * sqrt(frames.shape[0] / (frames.shape[0] - 1))
-    variance = float(np.mean(left**2))
-    if variance == 0:
-        raise ValueError("the frames do not differ: there is no noise to measure")
-    power = _block_power(left, block_px)
-    freq = np.fft.fftfreq(block_px)
-    radius = np.hypot(freq[:, None], freq[None, :])
-    rings = np.round(radius * block_px).astype(np.int64)
-    count = np.bincount(rings.ravel())
-    mean = np.bincount(rings.ravel(), power.ravel()) / count
-    place = np.bincount(rings.ravel(), radius.ravel()) / count
-    used = np.arange(count.size) > 1  # the window spreads the mean, which was taken off, that far
-    scale = float(power.mean())
-    independent = left.size * (frames.shape[0] - 1) / frames.shape[0]
-    spread = float(np.sqrt(np.mean((power / scale) ** 2)))
-    return NoisePower(
-        variance_dn2=variance,
-        relative_err=spread / sqrt(2 * independent),
-        freq_cy_per_px=tuple(place[used].tolist()),
-        shape=tuple((mean[used] / scale).tolist()),
-    )
-
-
-def _block_power(images: FloatArray, block_px: int) -> FloatArray:
-    """Mean power spectrum of windowed blocks, half a block apart, shape (block, block)."""
-    rows, cols = images.shape[1:]
-    window = np.hanning(block_px + 1)[:-1]
-    window = np.outer(window, window)
-    step, total, count = block_px // 2, np.zeros((block_px, block_px)), 0
-    for top in range(0, rows - block_px + 1, step):
-        for first in range(0, cols - block_px + 1, step):
-            block = images[:, top : top + block_px, first : first + block_px] * window
-            total += np.sum(np.abs(np.fft.fft2(block)) ** 2, axis=0)
-            count += images.shape[0]
-    return np.asarray(total / (count * np.sum(window**2)))
 
 
 def _refuse_size(name: str, value: float) -> None:

@@ -389,6 +389,49 @@ def beside_target(segments: Sequence[EdgeSegment], levels_dn: FloatArray) -> Boo
     return np.asarray(beside | _is_wider(edges, pattern))
 
 
+_SPOKES_LEAST = 8
+_SPOKE_TURNS, _SPOKE_TURNS_LEAST = 8, 4
+_SPOKE_SLACK_PX, _SPOKE_SLACK = 2.0, 0.02  # and of the distance to where they meet
+_SPOKE_PAIRS = 400
+_SPOKES_RIM = 1.1  # of where most spokes end
+_SPOKES_SHARE = 0.5  # of all edges inside the rim
+_SPOKES_CROSS = 0.5  # sine of their angle: nearly parallel lines do not say where they meet
+
+
+def star_spokes(segments: Sequence[EdgeSegment]) -> BoolArray:
+    """Which edges are of a Siemens star: lines of many directions through one point, and its rim.
+
+    Inside the rim, half of the edges or more are spokes. The answer has shape ``(n,)``.
+    """
+    count = len(segments)
+    nothing = np.zeros(count, np.bool_)
+    if count < _SPOKES_LEAST:
+        return nothing
+    x, y, normal, length = np.array(
+        [(s.x_px, s.y_px, s.normal_rad, s.length_px) for s in segments]
+    ).T
+    across = np.column_stack([np.cos(normal), np.sin(normal)])
+    offset = np.sum(across * np.column_stack([x, y]), axis=1)
+    first, second = np.triu_indices(count, 1)
+    chosen = np.abs(np.sin(normal[first] - normal[second])) > _SPOKES_CROSS
+    pairs = np.column_stack([first[chosen], second[chosen]])
+    best, reach_px = nothing, np.zeros(count)
+    for pair in pairs[:: max(1, len(pairs) // _SPOKE_PAIRS)]:
+        met = np.linalg.solve(across[pair], offset[pair])
+        apart = np.hypot(x - met[0], y - met[1])
+        slack = _SPOKE_SLACK_PX + _SPOKE_SLACK * apart
+        through = (np.abs(across @ met - offset) < slack) & (apart > 0.5 * length)
+        if through.sum() > best.sum():
+            best, reach_px = through, apart
+    turns = np.floor(normal[best] % np.pi / np.pi * _SPOKE_TURNS)
+    if best.sum() < _SPOKES_LEAST or np.unique(turns).size < _SPOKE_TURNS_LEAST:
+        return nothing
+    # Not the farthest: a line of something else may pass through the centre.
+    rim_px = _SPOKES_RIM * float(np.percentile((reach_px + 0.5 * length)[best], 75))
+    inside = np.asarray(reach_px <= rim_px)
+    return inside if best.sum() >= _SPOKES_SHARE * inside.sum() else nothing
+
+
 def _edges(segments: Sequence[EdgeSegment], levels_dn: FloatArray) -> _Edges:
     x, y, normal, length, sigma = np.array(
         [(s.x_px, s.y_px, s.normal_rad, s.length_px, s.sigma_px) for s in segments]

@@ -22,7 +22,7 @@ from pydantic import Field, model_validator
 
 from acquisition.files import StoredModel
 from calibration.choices import TargetChoice
-from calibration.edges._detection import beside_target, find_edges
+from calibration.edges._detection import beside_target, find_edges, star_spokes
 from calibration.edges._esfr import (
     WIDEST_GAP_PX,
     EdgeSfr,
@@ -169,7 +169,16 @@ def _gaussian(place_px: FloatArray, area: float, centre_px: float, sigma_px: flo
 Method = Literal["all-angles", "paper"]
 
 REJECTING_FLAGS = frozenset(
-    {"saturated", "masked", "too_short", "too_noisy", "uneven", "curved", "beside_target"}
+    {
+        "saturated",
+        "masked",
+        "too_short",
+        "too_noisy",
+        "uneven",
+        "curved",
+        "beside_target",
+        "star_spoke",
+    }
 )
 """Flags that exclude an edge; the others are only remarks."""
 
@@ -513,7 +522,8 @@ class EdgeSelection:
     """Which edges of a photograph count.
 
     ``region`` returns its part, None for all. With the target ``auto``, edges of the scene beside a
-    target are flagged ``beside_target``; with ``all``, every edge counts.
+    target are flagged ``beside_target`` and spokes of a Siemens star ``star_spoke``; with ``all``,
+    every edge counts.
     """
 
     region: Callable[[EdgeImage], Region | None] = lambda _: None
@@ -526,17 +536,20 @@ class EdgeSelection:
 
 
 def _told_apart(edges: Sequence[EdgeMeasurement], pitch_px: int = 1) -> list[EdgeMeasurement]:
-    """Flag as ``beside_target`` the edges of the scene, of all that a photograph has."""
-    known = [edge for edge in edges if edge.levels_dn is not None]
-    segments = [_segment(edge, pitch_px) for edge in known]
-    levels_dn = np.array([edge.levels_dn for edge in known]).reshape(-1, 2)
-    is_beside = beside_target(segments, levels_dn).tolist()
-    scene = {id(edge) for edge, beside in zip(known, is_beside, strict=True) if beside}
+    """Flag the edges that are not of an edge target, of all that a photograph has.
+
+    The spokes of a star are ``star_spoke``, edges of the scene ``beside_target``.
+    """
+    spokes = star_spokes([_segment(edge, pitch_px) for edge in edges]).tolist()
+    flags = ["star_spoke" if one else "" for one in spokes]
+    known = [n for n, edge in enumerate(edges) if edge.levels_dn is not None and not flags[n]]
+    segments = [_segment(edges[n], pitch_px) for n in known]
+    levels_dn = np.array([edges[n].levels_dn for n in known]).reshape(-1, 2)
+    for number, is_beside in zip(known, beside_target(segments, levels_dn).tolist(), strict=True):
+        flags[number] = "beside_target" if is_beside else ""
     return [
-        edge.model_copy(update={"flags": (*edge.flags, "beside_target")})
-        if id(edge) in scene
-        else edge
-        for edge in edges
+        edge.model_copy(update={"flags": (*edge.flags, flag)}) if flag else edge
+        for edge, flag in zip(edges, flags, strict=True)
     ]
 
 

@@ -18,3 +18,15 @@ from ._document import (
     frequency_units as frequency_units,
     lateral_shifts as lateral_shifts,
 )
+from ._targets import (
+    SectorFigures as SectorFigures,
+    StarFigures as StarFigures,
+    star_figures as star_figures,
+)
+from ._through_focus import (
+    FocusField as FocusField,
+    FocusPoint as FocusPoint,
+    StatedContrast as StatedContrast,
+    ThroughFocus as ThroughFocus,
+    through_focus as through_focus,
+)

@@ -12,6 +12,8 @@ from calibration.documents import json_object
 from calibration.edges import AxisTransfer, EdgeMeasurement, mean_transfer
 from calibration.estimate import Estimate
 from calibration.lens._capacity import CapacityFigures
+from calibration.lens._targets import StarFigures
+from calibration.lens._through_focus import FocusPoint, ThroughFocus
 from calibration.noise import EmvaSheet, NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration
 from calibration.sharpness import (
@@ -123,6 +125,11 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
         The noise calibration; None without darks and flats.
     emva
         The data sheet of EMVA 1288; empty without darks and flats.
+    stars
+        What Siemens stars in the photographs tell; empty without any.
+    through_focus
+        Best focus over the field and depth of field; None of photographs at fewer than five focus
+        positions or heights, or without a best focus between them.
     verdict
         Comparison with a limits file.
     psf, noise_measurement
@@ -142,6 +149,8 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
     capacity: CapacityFigures | None = None
     noise: NoiseCalibration | None = None
     emva: tuple[DataSheetFigure, ...] = Field(default=(), repr=False)
+    stars: tuple[StarFigures, ...] = Field(default=(), repr=False)
+    through_focus: ThroughFocus | None = None
     verdict: SharpnessVerdict | None = None
     edges: tuple[EdgeOfColour, ...] = Field(default=(), repr=False)
     provenance: Provenance | None = None
@@ -249,12 +258,13 @@ def camera_figures(
     capacity: CapacityFigures | None,
     noise: NoiseCalibration | None,
     sheet: EmvaSheet | None,
+    focus: ThroughFocus | None,
 ) -> dict[str, Estimate]:
-    """Return the figures that a limits file bounds under ``[sharpening]`` and ``[camera]``.
+    """Return the figures that a limits file bounds under ``CAMERA_TABLES``.
 
     The dynamic range is one of them only if a flat reached saturation.
     """
-    found: dict[str, Estimate] = {}
+    found: dict[str, Estimate] = {} if focus is None else focus.limits()
     if sharpening is not None:
         found["sharpening.max_overshoot"] = sharpening.overshoot
         found["sharpening.max_undershoot"] = sharpening.undershoot
@@ -300,11 +310,30 @@ def figure_rows(lens: LensMeasurement) -> Iterator[dict[str, object]]:
     for edge in lens.edges:
         where = edge.model_dump(include={"colour", "image", "x_px", "y_px", "angle_deg"})
         yield from _rows(lens, where | {"part": "edge"}, edge.figures)
+    for star in lens.stars:
+        yield from _star_rows(lens, star)
+    if lens.through_focus is not None:
+        for point in lens.through_focus.points:
+            where = point.model_dump(include={"x_px", "y_px", "angle_deg"})
+            where |= {"part": "through_focus", "colour": lens.main.colour, "image": ""}
+            for figure in _point_figures(point):
+                known_as = dict(zip(("figure", "value", "err", "unit"), figure, strict=True))
+                yield where | known_as | {"is_model_free": True}
     whole = {"colour": lens.main.colour, "image": "", "x_px": None, "y_px": None}
     for name, value, err, unit in _camera_figures(lens):
         where = whole | {"angle_deg": None, "part": "camera"}
         known_as = {"figure": name, "value": value, "err": err, "unit": unit}
         yield where | known_as | {"is_model_free": None}
+
+
+def _star_rows(lens: LensMeasurement, star: StarFigures) -> Iterator[dict[str, object]]:
+    """The star as a whole, then its sectors, whose directions stand as angles."""
+    where: dict[str, object] = {"colour": lens.main.colour, "image": star.image}
+    where |= {"x_px": star.x_px, "y_px": star.y_px}
+    yield from _rows(lens, where | {"part": "star", "angle_deg": None}, star.figures)
+    for sector in star.sectors:
+        turned = {"part": "star_sector", "angle_deg": sector.direction_deg}
+        yield from _rows(lens, where | turned, sector.figures)
 
 
 def _rows(
@@ -342,6 +371,8 @@ def _camera_figures(
         yield f"largest_{shift.colour}_shift", shift.shift_px.value, shift.shift_px.err, "px"
     if lens.capacity is not None:
         yield from _capacity_figures(lens.capacity)
+    if lens.through_focus is not None:
+        yield from _focus_figures(lens.through_focus)
     for line in lens.emva:
         yield f"emva_{line.figure}", line.value, line.err, line.unit
     if lens.noise is not None:
@@ -349,6 +380,23 @@ def _camera_figures(
             value = getattr(lens.noise, name)
             if value is not None:
                 yield name, value, getattr(lens.noise, f"{name}_err", None), unit
+
+
+def _point_figures(point: FocusPoint) -> Iterator[tuple[str, float, float, str]]:
+    for name, unit in (("best_mm", "mm"), ("contrast", "1"), ("depth_mm", "mm")):
+        known: MeasuredValue | None = getattr(point, name)
+        if known is not None:
+            plain = f"{name.removesuffix('_mm')}_through_focus"
+            yield plain, known.value, known.err, unit
+
+
+def _focus_figures(focus: ThroughFocus) -> Iterator[tuple[str, float, float, str]]:
+    for known_of in (focus, focus.field):
+        for name in () if known_of is None else type(known_of).model_fields:
+            known = getattr(known_of, name)
+            if isinstance(known, MeasuredValue):
+                plain, _, unit = name.rpartition("_")
+                yield f"focus_{plain}", known.value, known.err, unit
 
 
 def _capacity_figures(

@@ -16,6 +16,14 @@ from ._comparison import (
     psf_steps as psf_steps,
 )
 from ._consistency import HeightGroup as HeightGroup, HeightTrend as HeightTrend
+from ._control_chart import (
+    FALSE_ALARMS as FALSE_ALARMS,
+    ControlChart as ControlChart,
+    Drift as Drift,
+    control_charts as control_charts,
+    cumulative_sums as cumulative_sums,
+    cusum_limit as cusum_limit,
+)
 from ._covariance import (
     USUAL_RHO as USUAL_RHO,
     Estimate as Estimate,

@@ -446,6 +446,7 @@ def _no_edge_error(
         )
     flags = REJECTING_FLAGS & {flag for edge in edges for flag in edge.flags}
     remedy = {
+        "star_spoke": "photograph straight edges beside the star, which standoff lens measures",
         "beside_target": "photograph the target alone, or use --target all",
         "saturated": "shorten the exposure",
         "masked": "measure an edge whose pixels are not masked",

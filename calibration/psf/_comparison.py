@@ -184,13 +184,7 @@ def focus_repeatability(psfs: Sequence[PsfCalibration]) -> _FocusRepeatability |
     Calibrations of the same captures count once, and of several methods, colours or parts of the
     frame those that there are most of. None with fewer than two that give both widths.
     """
-    chosen: list[PsfCalibration] = []
-    kinds = Counter((psf.method, psf.channel, psf.region) for psf in psfs)
-    for psf in psfs:
-        if (psf.method, psf.channel, psf.region) != kinds.most_common(1)[0][0]:
-            continue
-        if not any(_shared_inputs(other, psf) for other in chosen):
-            chosen.append(psf)
+    chosen = independent_calibrations(psfs)
     known = [found for psf in chosen if (found := _mean_variance(psf)) is not None]
     if len(known) < 2:
         return None
@@ -210,6 +204,18 @@ def focus_repeatability(psfs: Sequence[PsfCalibration]) -> _FocusRepeatability |
         calibrations=len(known),
         p_value=float(chdtrc(freedom, surplus)),
     )
+
+
+def independent_calibrations(psfs: Sequence[PsfCalibration]) -> list[PsfCalibration]:
+    """Return calibrations of one kind, the most frequent, of different captures."""
+    chosen: list[PsfCalibration] = []
+    kinds = Counter((psf.method, psf.channel, psf.region) for psf in psfs)
+    for psf in psfs:
+        if (psf.method, psf.channel, psf.region) != kinds.most_common(1)[0][0]:
+            continue
+        if not any(_shared_inputs(other, psf) for other in chosen):
+            chosen.append(psf)
+    return chosen
 
 
 def _mean_variance(psf: PsfCalibration) -> tuple[float, float] | None:

@@ -14,6 +14,14 @@ from ._resolution import (
     reported_mtf50 as reported_mtf50,
     with_sharpness as with_sharpness,
 )
+from ._star import (
+    EdgeMtf as EdgeMtf,
+    StarPlace as StarPlace,
+    StarSfr as StarSfr,
+    find_star as find_star,
+    mean_of_sectors as mean_of_sectors,
+    measure_star as measure_star,
+)
 from ._verdict import (
     CAMERA_TABLES as CAMERA_TABLES,
     MODEL_REMARK as MODEL_REMARK,

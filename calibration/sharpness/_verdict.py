@@ -231,7 +231,27 @@ class CameraLimits(WrittenTable):
     min_dynamic_range_db: Positive | None = Field(None, description="EMVA 1288")
 
 
-CAMERA_TABLES = ("sharpening", "camera")
+class FocusLimits(WrittenTable):
+    """``[focus]``: of photographs at several focus positions or heights; for ``standoff lens``."""
+
+    max_tilt_mm: Positive | None = Field(
+        None, description="change of the best focus over the picture, along its steepest line"
+    )
+    max_curvature_mm: Positive | None = Field(
+        None, description="change of the best focus from the centre to the corners, either way"
+    )
+    max_astigmatism_mm: Positive | None = Field(
+        None, description="tangential less sagittal focus in the corners, either way"
+    )
+    min_depth_mm: Positive | None = Field(
+        None, description="depth over which an edge has the stated contrast, median"
+    )
+    min_common_depth_mm: Positive | None = Field(
+        None, description="depth over which all edges have it at once"
+    )
+
+
+CAMERA_TABLES = ("sharpening", "camera", "focus")
 """Tables whose figures are those of ``standoff lens``, not of single edges."""
 
 
@@ -260,6 +280,7 @@ class SharpnessLimits(WrittenTable):
     uniformity: UniformityLimits = UniformityLimits.model_validate({})
     sharpening: SharpeningLimits = SharpeningLimits.model_validate({})
     camera: CameraLimits = CameraLimits.model_validate({})
+    focus: FocusLimits = FocusLimits.model_validate({})
     zones: Zones = Zones.model_validate({})
 
     def given(self) -> Iterator[tuple[str, float]]:
@@ -388,7 +409,13 @@ _CAMERA_UNITS = {
     "max_read_noise_e": "e",
     "max_dsnu_e": "e",
     "min_dynamic_range_db": "dB",
+    "max_tilt_mm": "mm",
+    "max_curvature_mm": "mm",
+    "max_astigmatism_mm": "mm",
+    "min_depth_mm": "mm",
+    "min_common_depth_mm": "mm",
 }
+_THROUGH_FOCUS = "through focus: give photographs at five focus positions or more, and --focus-mm"
 _FROM_FRAMES = "from darks and flats: give --dark and --flat"
 _MEASURED_FROM = {
     "sharpening.max_overshoot": "on edges with an e-SFR",
@@ -439,7 +466,8 @@ class _Measured:
     def _of_camera(self, key: str) -> _Figure:
         known = self._camera.get(key)
         if known is None:
-            raise _NotMeasuredError(f"measured by standoff lens {_MEASURED_FROM[key]}")
+            how = _MEASURED_FROM.get(key, _THROUGH_FOCUS)
+            raise _NotMeasuredError(f"measured by standoff lens {how}")
         interval = known.interval_95
         return _Figure(value=known.value, err=known.err, interval_95=interval, where="camera")
 
@@ -546,6 +574,7 @@ _DIGITS = {"cy/px": 4, "LW/PH": 1, "lp/mm": 2, "px": 4, "": 4} | {
     "bits/px": 2,
     "e": 2,
     "dB": 2,
+    "mm": 4,
 }
 
 

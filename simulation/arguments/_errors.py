@@ -132,6 +132,9 @@ RANGES: Mapping[str, _Range] = {
     ),
     **_of_names("test_fraction vignetting", _Range(0, 1)),
     "false_discovery_rate": _Range(0, 1, is_open=True),
+    "depth_contrast": _Range(0, 0.99, is_open=True),
+    "depth_freq_cy_per_px": _Range(0, 1, is_open=True),
+    "focus_mm": _Range(-1e6, 1e6),
     "seed": _Range(0, 2**63),  # as wide as PyTorch's
     "rho": _Range(-1, 1),
     # Telephones have 0.5 um, panels for X-rays 0.2 mm: a number below is one in mm.

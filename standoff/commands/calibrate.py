@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 _WITH_AN_EDGE_TARGET = terminal.Given("method", ("all-angles", "paper"))
 _LINEAR = "--noise and --correct apply to linear grey levels"
 
-_NAMED = "Name of the {} on the first page of the report."
-
 
 def _spelt(region: str | None) -> str | None:
     return "centre" if region == "center" else region
@@ -57,20 +55,8 @@ def calibrate(
     correct: Path | None = None,
     csv: Annotated[Path | None, terminal.Result(".csv")] = None,
     report: Annotated[Path | None, terminal.REPORT] = None,
-    pixel_pitch_um: Annotated[
-        float | None,
-        Option(
-            parser=terminal.quantity("pixel_pitch_um"),
-            callback=terminal.checked_pitch,
-            metavar="UM",
-        ),
-    ] = None,
-    lens: Annotated[str | None, Option(help=_NAMED.format("lens"), metavar="TEXT")] = None,
-    camera: Annotated[str | None, Option(help=_NAMED.format("camera"), metavar="TEXT")] = None,
-    chart: Annotated[
-        str | None, Option(help=_NAMED.format("target with the edges"), metavar="TEXT")
-    ] = None,
-    customer: Annotated[str | None, Option(help=_NAMED.format("customer"), metavar="TEXT")] = None,
+    pixel_pitch_um: terminal.PixelPitch = None,
+    labels: terminal.Labels,
     bench: Path | None = None,
     limits: Path | None = None,
 ) -> None:
@@ -95,16 +81,12 @@ def calibrate(
     correct: noise.json whose dark, flat and defect maps are applied first.
     csv: Also write a CSV table of the edges of an edge target, with their SFR.
     report: Also write a report on an edge target (HTML or PDF).
-    pixel_pitch_um: Pixel pitch of the sensor, for lp/mm; by default that of the session's bench
-        file or of the EXIF data.
-    bench: Bench file (TOML) with these names ([labels]) and the pixel pitch ([optics]).
+    bench: Bench file (TOML) with these names (table labels) and the pixel pitch (table optics).
     limits: Limits for pass and fail (TOML); the exit status is 0 even if one fails.
     """
-    labels = {"lens": lens, "camera": camera, "target": chart, "customer": customer}
     how = terminal.keywords_of(
         library.calibrate_psf,
         region=_region(region),
-        labels={name: text for name, text in labels.items() if text is not None},
     )
     psf = library.calibrate_psf(
         (images or ()) if session is None else library.Session(session), **how

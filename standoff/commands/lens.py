@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,12 +14,11 @@ from standoff import library, terminal
 
 if TYPE_CHECKING:
     from calibration.edges import Region
-    from calibration.lens import LensMeasurement
+    from calibration.lens import LensMeasurement, ThroughFocus
     from calibration.sharpness import MeasuredValue
 
 _FRAMES = "a folder, a pattern such as 'flats/*.tif', or a file with a stack"
-_NAMED = "Name of the {} on the first page."
-_LABELS = ("lens", "camera", "target", "customer", "operator")
+_POSITIONS = terminal.ListedNumbers(option="--focus-mm", least=-inf, may_repeat=True)
 
 
 @terminal.command(
@@ -28,6 +28,7 @@ _LABELS = ("lens", "camera", "target", "customer", "operator")
     terminal.needs("dark", "flat"),
     terminal.needs("flat", "dark"),
     terminal.excludes("noise", "dark", "flat"),
+    terminal.excludes("session", "focus_mm", because="the heights of a session count"),
     suffixes_last=True,
 )
 def lens(
@@ -47,29 +48,20 @@ def lens(
     noise: Path | None = None,
     region: str | None = None,
     bayer: Pattern | None = None,
+    focus_mm: Annotated[str | None, Option(metavar="MM,...")] = None,
+    depth_contrast: Annotated[float, Option(metavar="C")] = 0.2,
+    depth_freq_cy_per_px: Annotated[float, Option("--depth-frequency", metavar="CY/PX")] = 0.25,
     reading: terminal.Reading,
-    pixel_pitch_um: Annotated[
-        float | None,
-        Option(
-            parser=terminal.quantity("pixel_pitch_um"),
-            callback=terminal.checked_pitch,
-            metavar="UM",
-        ),
-    ] = None,
-    lens: Annotated[str | None, Option(help=_NAMED.format("lens"), metavar="TEXT")] = None,
-    camera: Annotated[str | None, Option(help=_NAMED.format("camera"), metavar="TEXT")] = None,
-    chart: Annotated[
-        str | None, Option(help=_NAMED.format("target with the edges"), metavar="TEXT")
-    ] = None,
-    customer: Annotated[str | None, Option(help=_NAMED.format("customer"), metavar="TEXT")] = None,
-    operator: Annotated[str | None, Option(help=_NAMED.format("operator"), metavar="TEXT")] = None,
+    pixel_pitch_um: terminal.PixelPitch = None,
+    labels: terminal.Labels,
     bench: Path | None = None,
     limits: Path | None = None,
 ) -> None:
     """Measure a lens and its camera, and write the report that a laboratory hands over.
 
     Sharpness in all colours, sharpening, lateral chromatic aberration, noise-equivalent quanta,
-    information and, from darks and flats, the data sheet of EMVA 1288. A table (CSV) and a document
+    information; from darks and flats the data sheet of EMVA 1288; through focus, focus over the
+    field and depth of field. A table (CSV) and a document
     (JSON) of all figures are written beside the report.
 
     Options
@@ -81,20 +73,21 @@ def lens(
     noise: noise.json of the camera, instead of darks and flats; it gives no EMVA 1288 data sheet.
     region: Part of the image to use: centre, or X,Y,W,H in px; all of it by default.
     bayer: Bayer pattern of raw mosaics whose files do not state it.
-    pixel_pitch_um: Pixel pitch of the sensor, for lp/mm; by default that of the session's bench
-        file or of the EXIF data.
-    bench: Bench file (TOML) with these names ([labels]) and the pixel pitch ([optics]).
+    focus_mm: Focus position of each photograph in mm, in their order: five different ones at least,
+        on both sides of the focus.
+    depth_contrast: Contrast that the depth of field is stated for.
+    depth_freq_cy_per_px: Frequency of that contrast, in cycles per pixel.
+    bench: Bench file (TOML) with these names (table labels) and the pixel pitch (table optics).
     limits: Limits for pass and fail (TOML); the exit status is 0 even if one fails.
     """
     table, document = out.with_suffix(".csv"), out.with_suffix(".json")
     terminal.refuse_replacing(table, document)
-    named = dict(zip(_LABELS, (lens, camera, chart, customer, operator), strict=True))
     how = terminal.keywords_of(
         library.measure_lens,
         darks=_frames(dark),
         flats=_frames(flat),
         region=_region(region),
-        labels={name: text for name, text in named.items() if text is not None},
+        focus_mm=None if focus_mm is None else terminal.number_list(focus_mm, _POSITIONS),
         report=out,
     )
     found = library.measure_lens(
@@ -151,6 +144,8 @@ def _show(found: LensMeasurement, wrote: str) -> None:
             f"largest shift of {shift.colour} from green: {_cell(shift.shift_px, 3)} px at "
             f"({shift.x_px:.0f}, {shift.y_px:.0f})"
         )
+    if found.through_focus is not None:
+        _show_focus(found.through_focus)
     capacity = found.capacity
     if capacity is not None:
         disc = capacity.detection[1]
@@ -171,6 +166,19 @@ def _show(found: LensMeasurement, wrote: str) -> None:
     if found.verdict is not None:
         terminal.print_verdict(found.verdict)
     terminal.say(wrote)
+
+
+def _show_focus(focus: ThroughFocus) -> None:
+    depth = focus.depth_mm
+    within = "" if depth is None else f"; {_cell(depth, 4)} mm deep"
+    terminal.say(f"best focus at {_cell(focus.best_mm, 4)} mm{within}")
+    field = focus.field
+    if field is not None:
+        terminal.say(
+            f"from the centre to the corners: curvature {_cell(field.curvature_mm, 4)} mm, "
+            f"astigmatism {_cell(field.astigmatism_mm, 4)} mm; tilt {_cell(field.tilt_mm, 4)} mm "
+            "over the picture"
+        )
 
 
 def _cell(known: MeasuredValue | None, digits: int) -> str:

@@ -16,22 +16,29 @@ from acquisition.session import Session
 from calibration.choices import Channel, Pattern
 from calibration.documents import write_document
 from calibration.edges import EdgeImage, EdgeMeasurement, EdgeSelection, Region, plane_places
-from calibration.errors import LensFileError, NoiseError
+from calibration.errors import CalibrationError, LensFileError, NoiseError
 from calibration.lens import (
     CapacityFigures,
     Colour,
+    ColourFigures,
+    EdgeOfColour,
     LensMeasurement,
     SharpeningFigures,
+    StarFigures,
+    StatedContrast,
+    ThroughFocus,
     camera_figures,
     capacity_figures,
     colour_figures,
     data_sheet,
     figure_rows,
     lateral_shifts,
+    star_figures,
+    through_focus,
 )
 from calibration.noise import EmvaSheet, NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration, edge_records, mosaic_plane
-from calibration.sharpness import read_limits, sharpening_of, with_sharpness
+from calibration.sharpness import Picture, read_limits, sharpening_of, with_sharpness
 from simulation.arguments import ArgumentError, checked
 from standoff.library.call import (
     Call,
@@ -104,6 +111,103 @@ class _Photographs:
         return EdgeSelection(region=lambda _: region)
 
 
+_FEWEST_POSITIONS = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _FocusSeries:
+    """Edges of photographs at several focus positions, and the photographs nearest to the best."""
+
+    edges: Sequence[EdgeMeasurement]
+    positions_mm: Mapping[str, float]
+    stated: StatedContrast
+    sharpest: _Photographs
+
+    @classmethod
+    def of(
+        cls, given: _Photographs, focus_mm: Sequence[float], stated: StatedContrast, call: Call
+    ) -> "_FocusSeries":
+        """Measure the edges of all photographs, each of which has its focus position."""
+        if isinstance(given.images, Session):
+            raise ArgumentError("a session has its heights instead", argument="focus_mm")
+        if len(focus_mm) != len(given.images):
+            raise ArgumentError(
+                f"{len(given.images)} photographs, but {len(focus_mm)} focus positions",
+                argument="focus_mm",
+            )
+        if len(set(focus_mm)) < _FEWEST_POSITIONS:
+            raise ArgumentError(
+                f"{_FEWEST_POSITIONS} different focus positions at least are needed, got "
+                f"{len(set(focus_mm))}",
+                argument="focus_mm",
+            )
+        sources, selection = given.sources(call), given.selection()
+        edges: list[EdgeMeasurement] = []
+        positions: dict[str, float] = {}
+        frames: set[tuple[int, int]] = set()
+        with call.bar("measuring focus", sources.count) as advance_to:
+            for done, (image, position) in enumerate(
+                zip(sources.images, focus_mm, strict=True), start=1
+            ):
+                frames.add(image.frame)
+                edges += selection.measured_in(_focus_plane(image, given.bayer), "all-angles")
+                positions[image.name] = float(position)
+                advance_to(done)
+        if len(frames) > 1:
+            raise CalibrationError("photographs through focus must have one size")
+        ((height, width),) = frames
+        picture = Picture(width_px=width, height_px=height, pixel_pitch_um=None)
+        found = through_focus(edges, positions, picture, stated, "focus")
+        if found is None:
+            raise CalibrationError(
+                "no edge is sharpest between the first and the last focus position; photograph "
+                f"the same edges on both sides of the focus, at {_FEWEST_POSITIONS} positions or "
+                "more"
+            )
+        nearest = min(focus_mm, key=lambda one: abs(one - found.best_mm.value))
+        chosen = [
+            image
+            for image, position in zip(given.images, focus_mm, strict=True)
+            if position == nearest
+        ]
+        call.note(
+            f"all figures but those through focus are of the {len(chosen)} photograph"
+            f"{'s' * (len(chosen) > 1)} at {nearest:g} mm, nearest to the best focus"
+        )
+        return cls(
+            edges=edges,
+            positions_mm=positions,
+            stated=stated,
+            sharpest=replace(given, images=chosen),
+        )
+
+    def measured(self, psf: PsfCalibration) -> ThroughFocus | None:
+        """Return the figures, with the pixel pitch that the calibration knows."""
+        return through_focus(self.edges, self.positions_mm, _picture(psf), self.stated, "focus")
+
+    @staticmethod
+    def of_heights(psf: PsfCalibration, stated: StatedContrast) -> ThroughFocus | None:
+        """Return the figures of a session whose edges stand at several heights."""
+        heights = {edge.image: edge.height_mm for edge in psf.edges if edge.height_mm is not None}
+        return through_focus(psf.edges, heights, _picture(psf), stated, "height")
+
+
+def _picture(psf: PsfCalibration) -> Picture:
+    return Picture(
+        width_px=psf.picture_width_px,
+        height_px=psf.picture_height_px,
+        pixel_pitch_um=psf.pixel_pitch_um,
+    )
+
+
+def _focus_plane(image: EdgeImage, bayer: Pattern | None) -> EdgeImage:
+    """The plane whose focus is measured: of raw mosaics one of green."""
+    pattern = bayer or image.pattern
+    if pattern is None:
+        return image
+    return mosaic_plane(image, next(one for one in plane_places(pattern) if one.colour == "green"))
+
+
 @checked
 def measure_lens(
     images: ImageLike | Iterable[ImageLike] | Session,
@@ -113,6 +217,9 @@ def measure_lens(
     noise: NoiseLike | None = None,
     region: Region | Literal["centre"] | None = None,
     bayer: Pattern | None = None,
+    focus_mm: Sequence[float] | None = None,
+    depth_contrast: float = 0.2,
+    depth_freq_cy_per_px: float = 0.25,
     pixel_pitch_um: float | None = None,
     limits: FilePath | None = None,
     labels: Mapping[str, str] | None = None,
@@ -134,6 +241,13 @@ def measure_lens(
     noise
         The noise of the camera, or the path of a noise.json, instead of ``darks`` and ``flats``;
         the data sheet of EMVA 1288 needs the frames.
+    focus_mm
+        Focus position of each photograph, of the sensor or the lens along the axis: five different
+        ones at least, on both sides of the focus. All other figures are then those of the
+        photographs nearest to the best focus. In a session with edges at five heights or more,
+        heights count likewise.
+    depth_contrast, depth_freq_cy_per_px
+        Contrast, and its frequency, for which the depth of field is stated.
     region, bayer, pixel_pitch_um, limits, labels, bench, white_level
         As in ``calibrate_psf``; the operator is by default that of the session.
     report
@@ -147,7 +261,7 @@ def measure_lens(
     -------
     LensMeasurement
         The figures of the edges in each colour, sharpening, lateral chromatic aberration, quanta
-        and information, noise; ``write_lens`` writes them.
+        and information, noise, focus over the field; ``write_lens`` writes them.
 
     Raises
     ------
@@ -171,8 +285,11 @@ def measure_lens(
         region=region,
         bayer=bayer,
     )
+    stated = StatedContrast(contrast=depth_contrast, freq_cy_per_px=depth_freq_cy_per_px)
     call = Call("measure_lens", progress, reading, (noise, limits, bench), white_level)
     bounds = None if limits is None else read_limits(Path(limits))
+    series = None if focus_mm is None else _FocusSeries.of(given, focus_mm, stated, call)
+    given = series.sharpest if series else given
     if isinstance(given.images, Session):
         call.inputs.add_session(given.images)
     known = _noise_of(given, {"darks": darks, "flats": flats}, noise, call, progress)
@@ -191,11 +308,12 @@ def measure_lens(
     for remark in (*psf.notes, *known.notes):
         call.announce(remark)
     sources = given.sources(call)
-    colours, edges = colour_figures(_edges_by_colour(given, psf, sources, call))
+    (colours, edges), stars = _seen_again(given, psf, sources, call)
     sharpening = sharpening_of(psf.edges_used)
     capacity = _capacity_of(psf, known.of(given), call)
+    focus = _FocusSeries.of_heights(psf, stated) if series is None else series.measured(psf)
     if bounds is not None and limits is not None:
-        figures = camera_figures(sharpening, capacity, known.calibration, known.sheet)
+        figures = camera_figures(sharpening, capacity, known.calibration, known.sheet, focus)
         psf = psf.judged(bounds, on_one_line(limits), figures)
     lens = LensMeasurement(
         labels=psf.labels,
@@ -209,6 +327,8 @@ def measure_lens(
         capacity=capacity,
         noise=known.calibration,
         emva=() if known.sheet is None else data_sheet(known.sheet),
+        stars=stars,
+        through_focus=focus,
         verdict=psf.verdict,
         provenance=call.provenance(),
         psf=psf,
@@ -216,10 +336,14 @@ def measure_lens(
         notes=call.notes,
     )
     if page is not None:
-        from analysis.reports import lens_report  # loads what plots
-
-        write_page(page, lens_report(lens, sources.load, sources.session).html())
+        _write_page(page, lens, sources)
     return lens
+
+
+def _write_page(page: Path, lens: LensMeasurement, sources: EdgeSources) -> None:
+    from analysis.reports import lens_report  # loads what plots
+
+    write_page(page, lens_report(lens, sources.load, sources.session).html())
 
 
 def _named_by_session(psf: PsfCalibration, images: list[ImageLike] | Session) -> PsfCalibration:
@@ -243,10 +367,7 @@ def _noise_of(
         raise ArgumentError(f"give either noise or {stated[0]}", argument="noise")
     if stated:
         found = measure_noise(**frames, reading=call.inputs.options, progress=progress)  # type: ignore[arg-type]  # each is frames
-        for one in (
-            () if found.calibration.provenance is None else found.calibration.provenance.inputs
-        ):
-            call.inputs.add_known(one.path, one.sha256, None)
+        call.inputs.add_all(found.calibration.provenance)
         return _Noise(calibration=found.calibration, measurement=found)
     if noise is not None:
         stored = stored_noise(noise)
@@ -280,18 +401,23 @@ def _capacity_of(
     return capacity
 
 
-def _edges_by_colour(
+def _seen_again(
     given: _Photographs, psf: PsfCalibration, sources: EdgeSources, call: Call
-) -> dict[Colour, Sequence[EdgeMeasurement]]:
-    """Return the edges of every colour, those of the PSF first.
+) -> tuple[tuple[tuple[ColourFigures, ...], tuple[EdgeOfColour, ...]], tuple[StarFigures, ...]]:
+    """Return the figures of every colour, those of the PSF first, and stars of grey or luma.
 
     Every photograph is read once more, which ``sources`` needs to read it again by its name.
     """
     others: dict[Colour, list[EdgeMeasurement]] = {}
+    stars: list[StarFigures] = []
     main: Colour = "green" if psf.channels else "grey"
     selection = given.selection()
     with call.bar("measuring colours", sources.count) as advance_to:
         for done, image in enumerate(sources.images, start=1):
+            if sources.session is None and sources.reading.pattern is None:
+                used = [edge for edge in psf.edges_used if edge.image == image.name]
+                star = star_figures(image.name, image.image_dn, used)
+                stars += () if star is None else (star,)
             for colour, plane in _planes(image, sources.reading.pattern):
                 if psf.channels is None:
                     main = "luma"
@@ -299,7 +425,9 @@ def _edges_by_colour(
                     found = selection.measured_in(plane, "all-angles")
                     others.setdefault(colour, []).extend(with_sharpness(found, plane))
             advance_to(done)
-    return {main: psf.edges} | {name: others[name] for name in _COLOURS if name in others}
+    by_colour: dict[Colour, Sequence[EdgeMeasurement]] = {main: psf.edges}
+    by_colour |= {name: others[name] for name in _COLOURS if name in others}
+    return colour_figures(by_colour), tuple(stars)
 
 
 def _planes(image: EdgeImage, pattern: Pattern | None) -> Iterator[tuple[Colour, EdgeImage]]:

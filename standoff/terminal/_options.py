@@ -104,6 +104,46 @@ def quantity(name: str) -> Callable[[str], float]:
     return parsed
 
 
+PixelPitch = Annotated[
+    float | None,
+    Option(
+        parser=quantity("pixel_pitch_um"),
+        callback=checked_pitch,
+        metavar="UM",
+        help="Pixel pitch of the sensor, for lp/mm; by default that of the session's bench file or "
+        "of the EXIF data.",
+    ),
+]
+
+_Name = Annotated[str | None, Option(metavar="TEXT")]
+
+
+def _labels(
+    lens: _Name = None,
+    camera: _Name = None,
+    chart: _Name = None,
+    customer: _Name = None,
+    operator: _Name = None,
+) -> dict[str, str]:
+    """Return the names that are given, as psf.json calls them.
+
+    Options
+    -------
+    lens: Name of the lens on the first page of the report.
+    camera: Name of the camera on the first page of the report.
+    chart: Name of the target with the edges on the first page of the report.
+    customer: Name of the customer on the first page of the report.
+    operator: Name of the operator on the first page of the report.
+    """
+    named = {"lens": lens, "camera": camera, "target": chart, "customer": customer}
+    return {
+        name: text for name, text in (named | {"operator": operator}).items() if text is not None
+    }
+
+
+Labels = Annotated["dict[str, str]", MadeBy(_labels)]
+
+
 BOARD_FORM = "COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]"
 
 
@@ -364,12 +404,14 @@ Choice = Annotated["library.CurveChoice", MadeBy(_curve_choice)]
 class ListedNumbers:
     """What the numbers of an option may be: from ``least`` (-inf for any), or above 0.
 
-    Of two whole numbers, the second is probably a decimal if it is ``pair_most`` or more.
+    Of two whole numbers, the second is probably a decimal if it is ``pair_most`` or more. Numbers
+    that are written twice count once, unless they ``may_repeat``.
     """
 
     option: str
     least: float | None = None
     pair_most: float | None = None
+    may_repeat: bool = False
 
     @property
     def bound(self) -> str:
@@ -385,7 +427,7 @@ class ListedNumbers:
 
 
 def number_list(text: str, listed: ListedNumbers) -> list[float]:
-    """Read numbers separated by commas, each once, in the order in which they are written."""
+    """Read numbers separated by commas, in the order in which they are written."""
     meant = decimals_meant(text, listed.accepts, listed.pair_most)
     try:
         values = [float(part) for part in text.split(",")]
@@ -413,4 +455,4 @@ def number_list(text: str, listed: ListedNumbers) -> list[float]:
             f"{listed.option} {text} is two numbers, {whole} and {fraction}; "
             f"a single one is written {whole}.{fraction}"
         )
-    return list(dict.fromkeys(values))
+    return values if listed.may_repeat else list(dict.fromkeys(values))

@@ -152,8 +152,8 @@ def test_the_dynamic_range_has_its_interval_or_says_where_saturation_is_from(
 def test_the_dynamic_range_is_judged_only_if_saturation_was_seen(noise: NoiseMeasurement) -> None:
     seen = replace(noise, transfer=replace(noise.transfer, saturation=SEEN))
     key, calibration = "camera.min_dynamic_range_db", noise.calibration
-    assert key not in camera_figures(None, None, calibration, noise.emva)
-    found = camera_figures(None, None, calibration, seen.emva)[key]
+    assert key not in camera_figures(None, None, calibration, noise.emva, None)
+    found = camera_figures(None, None, calibration, seen.emva, None)[key]
     assert found.value == seen.emva.dynamic_range_db
     assert found.err > 0
     limits = SharpnessLimits.model_validate({"camera": {"min_dynamic_range_db": 1.0}})
@@ -242,7 +242,9 @@ def all_of_it(noise: NoiseMeasurement) -> LensMeasurement:
             },
         }
     )
-    figures = camera_figures(sharpening_of(edges), found.capacity, noise.calibration, noise.emva)
+    figures = camera_figures(
+        sharpening_of(edges), found.capacity, noise.calibration, noise.emva, None
+    )
     psf = found.psf.model_copy(update={"edges": edges}).judged(limits, "limits.toml", figures)
     colours: dict[Colour, tuple[EdgeMeasurement, ...]] = {
         "luma": edges, "red": edges, "green": edges, "blue": edges,

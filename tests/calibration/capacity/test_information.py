@@ -54,19 +54,6 @@ def test_without_the_corners_of_the_band_both_ways_agree() -> None:
     assert information_bits_per_px(camera, range_dn) == pytest.approx(by_edge, rel=1e-4)
 
 
-def test_noise_that_is_not_white_is_weighed_by_frequency() -> None:
-    # Half of the power in a band of half the frequencies: (log2(1 + S/N1) + log2(1 + S/N2)) / 2.
-    radius = np.sqrt(1 / (2 * pi))
-    noise = NoisePower(
-        variance_dn2=100.0,
-        freq_cy_per_px=(0.0, radius - 1e-6, radius + 1e-6, 0.8),
-        shape=(1.8, 1.8, 0.2, 0.2),
-    )
-    camera = SignalAndNoise(transfer=flat, noise=noise, signal_dn=1.0)
-    expected = 0.25 * (np.log2(1 + 3 / 1.8) + np.log2(1 + 3 / 0.2))
-    assert information_bits_per_px(camera, 60.0) == pytest.approx(expected, rel=5e-3)  # a step
-
-
 @pytest.mark.parametrize(("range_dn", "noise_dn"), [(0.0, 1.0), (1.0, 0.0), (float("nan"), 1.0)])
 def test_no_range_and_no_noise_are_refused(range_dn: float, noise_dn: float) -> None:
     with pytest.raises(ValueError, match="must be positive"):

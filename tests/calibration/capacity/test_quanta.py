@@ -17,7 +17,6 @@ from calibration.capacity import (
     edge_location_err_px,
     edge_shift_snr,
     ideal_observer_snr,
-    noise_power_spectrum,
 )
 from simulation.arrays import FloatArray
 
@@ -108,33 +107,3 @@ def test_the_mean_over_places_on_the_grid_is_what_pixels_show() -> None:
         energies.append(float(np.sum(spot**2)))
     found = ideal_observer_snr(narrow, GaussianSpot(sigma_px=spot_px))
     assert found**2 == pytest.approx(np.mean(energies), rel=1e-5)
-
-
-def test_white_noise_has_an_even_spectrum_and_its_variance() -> None:
-    frames = 100 + np.random.default_rng(5).normal(0, 3.0, (12, 192, 256))
-    found = noise_power_spectrum(frames)
-    assert found.variance_dn2 == pytest.approx(9.0, rel=4 * 2 * found.relative_err)
-    assert np.asarray(found.shape) == pytest.approx(1.0, abs=0.1)  # of some hundred blocks a ring
-
-
-def test_smoothed_noise_has_the_spectrum_of_its_filter() -> None:
-    rng = np.random.default_rng(6)
-    white = rng.normal(0, 4.0, (12, 257, 257))
-    smooth = (white[:, 1:, 1:] + white[:, :-1, 1:] + white[:, 1:, :-1] + white[:, :-1, :-1]) / 4
-    pattern = rng.normal(0, 30.0, smooth.shape[1:])  # which stands still
-    found = noise_power_spectrum(smooth + pattern)
-    assert found.variance_dn2 == pytest.approx(4.0, rel=4 * 2 * found.relative_err)
-    at = np.array([0.1, 0.25])
-    # cos^2(pi fx) cos^2(pi fy), averaged over a ring.
-    turn = np.linspace(0, 2 * pi, 400, endpoint=False)[:, None]
-    ring = np.cos(pi * at * np.cos(turn)) ** 2 * np.cos(pi * at * np.sin(turn)) ** 2
-    values = found.at(at, 0 * at) / 16.0
-    assert values == pytest.approx(ring.mean(axis=0), rel=0.05)
-
-
-@pytest.mark.parametrize(
-    "frames", [np.zeros((1, 90, 90)), np.zeros((3, 20, 90)), np.ones((3, 90, 90))]
-)
-def test_frames_without_noise_to_measure_are_refused(frames: FloatArray) -> None:
-    with pytest.raises(ValueError, match="frames"):
-        noise_power_spectrum(frames)

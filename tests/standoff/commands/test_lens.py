@@ -9,6 +9,8 @@ import pytest
 import tifffile
 
 import standoff
+from benchmarks.truth.focus_scenes import FocusedLens, chart, squares
+from calibration.errors import CalibrationError
 from standoff.errors import ArgumentError
 from tests.analysis.html_page import Page
 from tests.calibration.closed_form import edge_image
@@ -218,3 +220,117 @@ def test_noise_and_frames_exclude_each_other(edge_file: Path, noise_file: Path) 
             edge_file,
             noise=standoff.CaptureNoise(gain_e_per_dn=4, read_noise_e=6, black_level_dn=50),
         )
+
+
+FOCUS_MM = tuple(np.round(np.linspace(-0.2, 0.2, 9), 3).tolist())
+
+
+@pytest.fixture(scope="module")
+def through_focus(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Photographs of a chart at the positions, behind a lens with tilt and curvature."""
+    folder, rng = tmp_path_factory.mktemp("focus"), np.random.default_rng(3)
+    lens = FocusedLens(
+        width_px=420,
+        height_px=320,
+        best_mm=0.01,
+        sigma_px=0.6,
+        blur_px_per_mm=9.0,
+        tangential_mm=-0.08,
+        sagittal_mm=-0.04,
+        tilt_x_mm=0.05,
+        tilt_y_mm=0.0,
+    )
+    files = []
+    for number, position in enumerate(FOCUS_MM):
+        image = chart(lens, squares(lens, 3, 2), 28.0, 6.0, position)
+        files.append(folder / f"z{number}.tif")
+        noisy = image + rng.normal(0, 20.0, image.shape)
+        tifffile.imwrite(files[-1], np.round(noisy).astype(np.uint16))
+    return files
+
+
+@pytest.mark.slow
+def test_photographs_through_focus_give_focus_over_the_field(
+    command: Command, through_focus: list[Path], tmp_path: Path
+) -> None:
+    out, limits = tmp_path / "lens.html", tmp_path / "limits.toml"
+    limits.write_text("[focus]\nmax_tilt_mm = 0.02\nmin_depth_mm = 0.1\nmax_astigmatism_mm = 0.2\n")
+    positions = ",".join(f"{one:g}" for one in FOCUS_MM)
+    words = ("--focus-mm", positions, "--pixel-pitch-um", 6.0, "--limits", limits)
+    said = command.done("lens", *through_focus, *words, "--out", out)
+    assert "best focus at 0.0" in said.out
+    assert "all figures but those through focus are of the 1 photograph at 0 mm" in said.err
+    document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
+    found = document["through_focus"]
+    assert found["field"]["tilt_x_mm"]["value"] == pytest.approx(0.05, abs=0.004)
+    assert found["field"]["tangential_mm"]["value"] == pytest.approx(-0.08, abs=0.004)
+    assert {one["image"] for one in document["edges"]} == {str(through_focus[4])}
+    assert len(document["provenance"]["inputs"]) == len(through_focus) + 1
+    outcomes = {one["limit"]: one["outcome"] for one in document["verdict"]["limits"]}
+    assert outcomes == {
+        "focus.max_tilt_mm": "fail",
+        "focus.min_depth_mm": "pass",
+        "focus.max_astigmatism_mm": "pass",
+    }
+    assert "Focus over the field" in Page(out.read_text("utf-8")).headings
+    with (tmp_path / "lens.csv").open(encoding="utf-8", newline="") as table:
+        rows = list(csv.DictReader(table))
+    tilts = {row["unit"]: float(row["value"]) for row in rows if row["figure"] == "focus_tilt"}
+    assert tilts["mm"] == found["field"]["tilt_mm"]["value"]
+    assert tilts["deg"] == found["field"]["tilt_deg"]["value"]
+    best = [row for row in rows if row["figure"] == "best_through_focus"]
+    assert len(best) == len(found["points"])
+
+
+def test_focus_positions_belong_to_the_photographs(edge_file: Path) -> None:
+    with pytest.raises(ArgumentError, match="1 photographs, but 2 focus positions"):
+        standoff.measure_lens(edge_file, focus_mm=[0.0, 0.1])
+    with pytest.raises(ArgumentError, match="5 different focus positions at least"):
+        standoff.measure_lens([edge_file] * 6, focus_mm=[0.0, 0.1, 0.2, 0.3, 0.3, 0.3])
+
+
+def test_photographs_without_a_best_focus_are_refused(edge_file: Path) -> None:
+    with pytest.raises(CalibrationError, match="no edge is sharpest between the first"):
+        standoff.measure_lens([edge_file] * 5, focus_mm=[0.0, 0.1, 0.2, 0.3, 0.4])
+
+
+def test_a_limit_on_focus_says_what_it_takes(edge_file: Path, tmp_path: Path) -> None:
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[focus]\nmax_tilt_mm = 0.02\n")
+    verdict = standoff.measure_lens(edge_file, limits=limits).verdict
+    assert verdict is not None
+    assert verdict.outcome == "unsure"
+    assert "--focus-mm" in (verdict.limits[0].reason or "")
+
+
+HEIGHTS = """
+schema = "standoff.plan/1"
+name = "focus"
+heights_mm = [267.0, 277.0, 287.0, 297.0, 307.0, 317.0, 327.0]
+frames_per_capture = 4
+
+[[targets]]
+kind = "edge"
+target = "edge"
+orientations_deg = [5.0, 95.0]
+"""
+
+
+@pytest.mark.slow
+def test_the_heights_of_a_session_tell_the_distance_of_best_focus(
+    command: Command, tmp_path: Path
+) -> None:
+    bench = f"{SMALL_BENCH}focus_distance_mm = 300.0\nf_number = 1.4\n"
+    session = command.captured(tmp_path, bench, HEIGHTS)
+    focus = standoff.measure_lens(standoff.Session(session)).through_focus
+    assert focus is not None
+    assert focus.axis == "height"
+    assert focus.best_mm.value == pytest.approx(300.0, abs=4 * focus.best_mm.err)
+    assert focus.best_mm.err < 0.3  # mm
+    assert focus.field is None  # one edge of either direction, in the middle
+
+
+@pytest.mark.slow
+def test_a_session_whose_focus_does_not_change_has_none(command: Command, tmp_path: Path) -> None:
+    session = command.captured(tmp_path, SMALL_BENCH, HEIGHTS)
+    assert standoff.measure_lens(standoff.Session(session)).through_focus is None
