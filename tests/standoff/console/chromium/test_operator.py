@@ -222,7 +222,7 @@ def test_control_is_asked_for_and_handed_over(rig: ConsoleRig) -> None:
         assert not second.is_enabled("#home")
         second.click("#take-control")
         wait_until(lambda: first.is_visible("#asked"), "the first page is asked")
-        assert text(first, "#asked").startswith("Ada asks for control of the bench.")
+        assert text(first, "#asked").startswith("Ada asks for control.")
         first.click("#refuse")
         wait_until(lambda: second.is_visible("#take-control"), "the second is told")
         assert not second.is_enabled("#home")
