@@ -18,7 +18,7 @@ from simulation.compiled import compiled, compiled_part
 _TWO_WAY_PX: Final = 1.5
 """Distance at which a match there and back ends."""
 
-_MOST_UNLIKE, _UNLIKE_MEAN_PX = 3.0, 1.5
+_MOST_UNLIKE, _UNLIKE_MEAN_PX = 2.2, 1.5
 """Mean over a Gaussian of this width of what a match leaves over what is expected, for a match."""
 
 _UNLIKE_GROWN_PX: Final = 4
