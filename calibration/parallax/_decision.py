@@ -104,8 +104,8 @@ def _left_by_part(
     shape = target.shape
     parallax = enlarged(matched.held_out, factor, shape) * factor
     # By splines: a mean of neighbours has less noise, which is not the parallax's doing.
-    at_y, at_x = np.indices(shape, dtype=np.float32)
-    at_y, at_x = at_y + parallax * views.to_y, at_x + parallax * views.to_x
+    rows, cols = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32)
+    at_y, at_x = rows + parallax * views.to_y, cols + parallax * views.to_x
     bent = np.abs(target - seen_at(spline_of(source), at_y, at_x))
     counts = enlarged(matched.is_held_out.astype(np.float32), factor, shape) > 0.5
     counts &= views.is_target & views.is_source & np.isfinite(bent)
