@@ -22,7 +22,7 @@ _LEAST_GAIN, _SURE_SD = 0.05, 2.5
 """Share of what the plane leaves that parallax must explain, and its standard errors."""
 
 _WORSE_SD = 1.0
-"""What explains less than the plane, by so many standard errors, is not looked at more closely."""
+"""A frame that parallax explains less than the plane, by so many standard errors, has no depth."""
 
 _TRIMMED_SD = 6.0
 _NOTHING = 1e-30
@@ -33,8 +33,8 @@ class HeldOutGain:
     """How much more than the plane parallax explains in held-out blocks.
 
     ``gain``: relative to what the plane leaves, without surfaces that lose. ``has_depth``: whether
-    the parallax of the frame, or of a surface, explains more for certain. ``may_have_depth``:
-    whether a closer look may find that. ``surfaces``: number of each pixel's surface, 0 on the
+    the parallax of the frame, or of a surface, explains more for certain, and that of the frame not
+    less. ``may_have_depth``: whether a closer look may find that. ``surfaces``: number of each pixel's surface, 0 on the
     plane, at the sampling of the matching. ``loses``: by number, whether the plane explains more
     for certain.
     """
