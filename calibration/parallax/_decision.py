@@ -34,9 +34,9 @@ class HeldOutGain:
 
     ``gain``: relative to what the plane leaves, without surfaces that lose. ``has_depth``: whether
     the parallax of the frame, or of a surface, explains more for certain, and that of the frame not
-    less. ``may_have_depth``: whether a closer look may find that. ``surfaces``: number of each pixel's surface, 0 on the
-    plane, at the sampling of the matching. ``loses``: by number, whether the plane explains more
-    for certain.
+    less. ``may_have_depth``: whether a closer look may find that. ``surfaces``: number of each
+    pixel's surface, 0 on the plane, at the sampling of the matching. ``loses``: by number, whether
+    the plane explains more for certain.
     """
 
     gain: float
