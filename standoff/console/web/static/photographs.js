@@ -42,10 +42,8 @@ async function sendAll(files) {
   isSending -= 1;
 }
 
-if (!crypto.subtle) {
-  show("insecure", true);
-  byId("files").disabled = true;
-}
+show("insecure", !crypto.subtle);
+byId("files").disabled = !crypto.subtle;
 byId("files").onchange = () => { sendAll([...byId("files").files]); byId("files").value = ""; };
 for (const name of ["dragover", "dragleave", "drop"]) {
   window.addEventListener(name, (event) => {
@@ -119,8 +117,12 @@ function compute(result) {
 function offerPairs() {
   const same = (one) => [...$$(".picture-choice")].find(({ dataset }) => dataset.session === one.dataset.session && dataset.index === one.dataset.index);
   pair = pair.map(same).filter(Boolean);
-  for (const button of $$(".picture-choice")) button.onclick = () => choose(button);
+  for (const button of $$(".picture-choice")) {
+    button.onclick = () => choose(button);
+    button.disabled = false;
+  }
   if (!byId("swap")) return;
+  byId("swap").disabled = false;
   byId("swap").onclick = () => { pair.reverse(); showPair(); };
   byId("find-changes").onclick = () => compute("changes");
   byId("two-distance").onclick = () => compute("calibrate");

@@ -52,12 +52,13 @@ for (const [name, act] of Object.entries(ACTIONS)) {
   for (const button of document.querySelectorAll(`[data-${name}]`)) button.onclick = () => act(Number(button.dataset[name]));
 }
 
-// What is typed into the journal's forms outlives a reload that something else asks for.
+// What is typed into the journal's forms outlives a reload that something else asks for; what was
+// typed since, before this script ran, outlives that.
 const DRAFT = `draft of ${session}`;
 const typed = () => document.querySelectorAll("#note input, #set-height input, #set-height select");
 const draft = JSON.parse(sessionStorage.getItem(DRAFT) ?? "[]");
 sessionStorage.removeItem(DRAFT);
-if (draft.length === typed().length) typed().forEach((field, at) => { field.value = draft[at]; });
+if (draft.length === typed().length) typed().forEach((field, at) => { field.value ||= draft[at]; });
 
 function reload() {
   sessionStorage.setItem(DRAFT, JSON.stringify([...typed()].map(({ value }) => value)));

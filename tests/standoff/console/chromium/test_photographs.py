@@ -1,6 +1,7 @@
 """Photographs of one's own, from a browser alone: sent, imported, compared, noted and exported."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -137,6 +138,44 @@ def test_what_is_filled_in_and_chosen_stays_while_something_else_happens(
         page.click("#note button:enabled")
         page.wait_for_selector(".log >> text=the lamp was ch")
         assert page.input_value("#note [name=text]") == ""
+
+
+@contextmanager
+def late(page: Page, script: str) -> Iterator[None]:
+    """The page is shown and used while one of its scripts has not come yet."""
+    held: list[Route] = []
+    page.route(f"**/static/{script}", lambda route: held.append(route))
+    yield
+    wait_until(lambda: bool(page.title() and held), "the script was asked for")
+    held[0].continue_()
+
+
+def test_what_is_typed_and_clicked_before_a_script_has_come_is_not_lost(
+    browser: Browser, hub: ConsoleHub, stills: Stills
+) -> None:
+    standoff.import_photographs(
+        [stills.reference, stills.again],
+        hub.sessions.folder / "my wall",
+        kind="texture",
+        height_mm=0,
+    )
+    with served(hub) as (host, port), opened_page(browser, f"http://{host}:{port}{SENT}") as page:
+        page.wait_for_selector("[data-result=verify]:enabled")
+        page.fill("#note [name=text]", "the lamp was changed")
+        with late(page, "session.js"):
+            page.click("[data-result=verify]:enabled", no_wait_after=True)
+            page.wait_for_selector(".found >> text=files match the journal")
+            page.fill("#set-height [name=height_mm]", "412.5")
+        page.wait_for_selector("#note button:enabled")
+        assert page.input_value("#set-height [name=height_mm]") == "412.5"
+        assert page.input_value("#note [name=text]") == "the lamp was changed"
+        with late(page, "photographs.js"):
+            page.goto(f"http://{host}:{port}/photographs", wait_until="commit")
+            page.wait_for_selector(".picture-choice")
+            for selector in (".picture-choice", "#swap", "#files"):
+                assert page.locator(selector).first.is_disabled()
+        page.click(".picture-choice:has-text('reference.jpg')")
+        page.wait_for_selector("#guide:visible")
 
 
 def test_no_more_are_imported_at_a_time_than_the_console_takes(
