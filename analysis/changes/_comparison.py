@@ -148,7 +148,10 @@ def compare(
     matched = _Matched.of(pair, blur, options.noise)
     curved = matched.with_tone()
     if curved is not None:
-        matched = _Matched.of(curved, curved.blur(rough, curved.guessed_blur_px2), None)
+        again = _Matched.of(curved, curved.blur(rough, curved.guessed_blur_px2), None)
+        # Where something large is new, the levels before it tell of no curve.
+        if again.loss < matched.loss:
+            matched = again
     compared = _compared(matched, _focus(matched, psf))
     if options.colours is None:
         return compared
@@ -237,6 +240,13 @@ class _Matched:
             return None
         curve = fit_tone_curve(self.seen, self.pair.target, self.valid, self.smoothing.target_px)
         return None if curve is None else self.pair.with_tone(curve)
+
+    @property
+    def loss(self) -> float:
+        """That of the fit, of the levels that the file has."""
+        if self.pair.tone_slope is None:
+            return self.fit.loss
+        return self.fit.loss - 2 * float(np.log(self.pair.tone_slope[self.valid]).mean())
 
     @property
     def variance_dn2(self) -> Float32Array:

@@ -111,8 +111,12 @@ _BLOCK_PX = 24
 _SURELY = 3.0
 """Standard errors by which a model must do better on parts that were held out, to be taken."""
 
-_MOST_LOSS = 9.0
-"""Of a pixel, by the square of its standard deviations; changes are outliers."""
+_MOST_LOSS, _LESS_LOSS = 9.0, 0.05
+"""Of a pixel, by the square of its standard deviations, as changes are outliers; and by how much
+less a second light must lose on the average to be taken."""
+
+_ALIKE = 1.25
+"""Factor between two gains up to which a second light is not looked for."""
 
 _POWERS = (2, 3, 4)
 _CURVED_CHI2 = 60.0
@@ -125,12 +129,14 @@ class PairFit:
     """What takes the source to the target, and what the remaining difference scatters by.
 
     ``sizes``: of the terms of the variance. ``is_curved``: whether the levels of the two are not in
-    proportion, beyond what chance does.
+    proportion, beyond what chance does. ``loss``: mean of minus twice the logarithm of a pixel's
+    likelihood, which is that of an outlier at least.
     """
 
     model: PairModel
     sizes: FloatArray
     is_curved: bool
+    loss: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,7 +207,8 @@ def fit_pair(
             kept = ~beside.any_of(np.abs(left) > reach)
     alike = 4 * pi * rules.smoothing_px**2 / np.count_nonzero(valid) * len(rows) + 1
     curved = _curvature_chi2(design, residual, weight * kept / alike) > _CURVED_CHI2
-    return PairFit(model=model, sizes=sizes, is_curved=curved)
+    loss = sample.loss(residual, sizes)
+    return PairFit(model=model, sizes=sizes, is_curved=curved, loss=loss)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -225,9 +232,32 @@ class _Sample:
         return biweight(residual / np.sqrt(variance)) / variance, sizes
 
     def light(self, target_share: float) -> PairModel:
-        """Gain and offset by robust regression of the difference on the mean of both."""
-        gain, offset = light_at_first(self.source, self.target)
-        weight = np.ones(len(self.source))
+        """Gain and offset by robust regression of the difference on the mean of both.
+
+        Where something large stands before the scene, what is behind it is best explained by one
+        level for all: a second regression begins with light that differs by a factor alone, and
+        with what that explains.
+        """
+        every = np.ones(len(self.source))
+        first = self._light(light_at_first(self.source, self.target), every, target_share)
+        levels = [float(np.median(image)) for image in (self.source, self.target)]
+        if min(levels) <= 0:
+            return first
+        gain = levels[1] / levels[0]
+        if 1 / _ALIKE <= first.gain / gain <= _ALIKE:
+            return first
+        weight, _ = self.weights(self.target - gain * self.source)
+        second = self._light((gain, 0.0), weight if weight.any() else every, target_share)
+        losses = []
+        for each in (first, second):
+            apart = self.target - (each.gain * self.source + each.offset_dn)
+            losses.append(self.loss(apart, self.weights(apart)[1]))
+        return second if losses[1] < losses[0] - _LESS_LOSS else first
+
+    def _light(
+        self, start: tuple[float, float], weight: FloatArray, target_share: float
+    ) -> PairModel:
+        gain, offset = start
         for _ in range(_LIGHT_ROUNDS):
             brought = gain * self.source + offset
             middle = (1 - target_share) * brought + target_share * self.target
@@ -244,6 +274,14 @@ class _Sample:
             more, less = 1 + (1 - target_share) * grown, 1 - target_share * grown
             gain, offset = gain * more / less, (offset * more + added - grown * mean) / less
         return PairModel(gain=gain, offset_dn=offset, target_share=target_share)
+
+    def loss(self, residual: FloatArray, sizes: FloatArray) -> float:
+        """See `PairFit`."""
+        return float(np.mean(_losses(residual, np.maximum(sizes @ self.at, self.floor))))
+
+
+def _losses(residual: FloatArray, variance: FloatArray) -> FloatArray:
+    return np.asarray(np.log(variance) + np.minimum(residual**2 / variance, _MOST_LOSS))
 
 
 def _needed(
@@ -262,8 +300,7 @@ def _needed(
             residual = apart - design @ equations.solution(columns)
             sizes = fit_sizes(residual[own], sample.at[:, own], sample.floor[own])
             variance = np.maximum(sizes @ sample.at, sample.floor)[~own]
-            ratio = np.minimum(residual[~own] ** 2 / variance, _MOST_LOSS)
-            losses[number, ~own] = np.log(variance) + ratio
+            losses[number, ~own] = _losses(residual[~own], variance)
     best = int(np.argmin(losses.sum(axis=1)))
     for number in range(best):
         worse = np.bincount(block, weights=losses[number] - losses[best])

@@ -251,15 +251,30 @@ class _Sides:
     ) -> RelativeBlur:
         """Regress the difference on the mean, both with their derivatives.
 
-        ``noise_dn2, steps_dn2``: variance of the smoothed source and target by noise, and by the
-        steps of their files.
+        Where something large is new, nothing is told of all pixels: then of those alone that one
+        light explains. ``noise_dn2, steps_dn2``: variance of the smoothed source and target by
+        noise, and by the steps of their files.
         """
-        nothing = RelativeBlur(value_px2=0.0, err_px2=inf)
         count = self.place.shape[1]
         if count < _LEAST_SAMPLES:
-            return nothing
-        gain, offset = light_at_first(self.source[0], self.target[0])
-        weight = np.ones(count)
+            return _NOTHING
+        light = light_at_first(self.source[0], self.target[0])
+        found = self._related(light, np.ones(count), noise_dn2, steps_dn2, widths)
+        if found.err_px2 < inf:
+            return found
+        apart = self.target[0] - light[0] * self.source[0] - light[1]
+        weight, _ = _weights(apart, self.target, steps_dn2[1])
+        return self._related(light, weight, noise_dn2, steps_dn2, widths)
+
+    def _related(
+        self,
+        light: tuple[float, float],
+        weight: FloatArray,
+        noise_dn2: tuple[float, ...],
+        steps_dn2: tuple[float, ...],
+        widths: "Smoothing",
+    ) -> RelativeBlur:
+        gain, offset = light
         alike_px = 4 * pi * widths.target_px**2
         # Half of the Laplacian of white noise behind a Gaussian, times that noise itself.
         curved = [2 * expm1(-1 / (4 * width**2)) for width in (widths.source_px, widths.target_px)]
@@ -278,7 +293,7 @@ class _Sides:
             normal = (columns * weight) @ columns.T
             shrunk = normal - share * (1 - share) * ((noisy * weight) @ noisy.T)
             if not _is_told(normal, shrunk):
-                return nothing
+                return _NOTHING
             inverse = np.linalg.inv(shrunk)
             right = (columns * weight) @ apart[0]
             # The Laplacian of a noise goes with the noise itself, more of it behind less smoothing.
@@ -291,7 +306,7 @@ class _Sides:
             weight, steepness = _weights(residual, middle, steps)
             grown = solution[3]
             if not abs(grown) < 2:
-                return nothing
+                return _NOTHING
             # Of T - L = g M + c with L the source in this light, solved for the target.
             gain, offset = (
                 gain * (1 + (1 - share) * grown) / (1 - share * grown),
@@ -312,6 +327,10 @@ class _Sides:
             displacement_covariance_px2=covariance[np.ix_(moved, moved)],
             unlike=_unlike(residual, columns, weight),
         )
+
+
+_NOTHING = RelativeBlur(value_px2=0.0, err_px2=inf)
+"""Of photographs that do not tell it."""
 
 
 def _is_told(normal: FloatArray, shrunk: FloatArray) -> bool:

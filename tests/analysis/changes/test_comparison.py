@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -175,3 +176,31 @@ def test_spots_are_found_also_where_either_is_sharper(
         found += bool(result.is_change[around].any())
     # 8 DN and 2 px are 9 standard deviations and more: none of 8 is missed but by masks.
     assert found >= len(SPOTS_PX) - 1
+
+
+def _board(covered: float) -> tuple[FloatArray, FloatArray]:
+    """A board of one level with writing; and nine tenths as bright, behind something large."""
+    rng = np.random.default_rng(0)
+    board = 122 + np.tile(8 * np.arange(480.0) / 480, (480, 1))
+    for _ in range(60):
+        begin = rng.integers(20, 460, 2)
+        end = begin + rng.integers(-25, 26, 2)
+        cv2.line(board, begin.tolist(), end.tolist(), 40.0, 2, cv2.LINE_AA)
+    board = cv2.GaussianBlur(board, (0, 0), 1.2)
+    after = 0.9 * board
+    covering = after[480 - round(covered * 480) :]
+    covering[:] = 12 + 3 * np.sin(np.arange(480.0) / 9)
+    after = cv2.GaussianBlur(after, (0, 0), 0.8)
+    both = [np.rint(one + rng.normal(0, 1, one.shape)) for one in (board, after)]
+    return both[0], both[1]
+
+
+@pytest.mark.parametrize("covered", [0.0, 0.05, 0.1, 0.2, 0.3, 0.4])
+def test_something_large_and_new_does_not_pass_for_light_or_a_tone_curve(covered: float) -> None:
+    found = changes_between(*_board(covered), options=ChangeOptions(flat=True))
+    assert found.summary.gain == pytest.approx(0.9, rel=0.03)
+    assert not found.is_change[: 470 - round(covered * 480)].any()
+    new = found.valid.copy()
+    new[: 485 - round(covered * 480)] = False
+    assert found.is_change[new].all()
+    assert {change.what for change in found.summary.changes} <= {"new", "darker"}
