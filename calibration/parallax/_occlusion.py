@@ -51,6 +51,9 @@ _FAR_BETTER, _OFF_SURFACE, _AS_FAR = 0.2, 2.0, 0.5
 leaves so many times what noise leaves is not of a surface; and the share beyond noise that the same
 thing leaves at least from the other side."""
 
+_LEAST_HIDDEN_PX: Final = 16
+"""What is hidden in fewer pixels is an error of either parallax."""
+
 _GUARD_PX: Final = 2
 _AROUND_PX, _SPREAD_SHARE, _UNMATCHED_SPREAD_SHARE = 13, 0.1, 0.5
 """Window, and the share of the parallax's range in it by which a pixel may be off: one that was
@@ -283,7 +286,12 @@ def hidden_in_other(
     """Pixels at whose place the other view has another surface, as far as that is known."""
     there = shifted_along(other, views, own, cv2.INTER_NEAREST)
     sure = shifted_along(is_other_sure.astype(np.float32), views, own, cv2.INTER_NEAREST)
-    return np.asarray((sure > 0) & (np.abs(there - own) > _TWO_WAY_PX))
+    hidden = ((sure > 0) & (np.abs(there - own) > _TWO_WAY_PX)).astype(np.uint8)
+    # As wide as a jump is high, and as long as what stands before it.
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(hidden, connectivity=8)
+    is_large = stats[:, cv2.CC_STAT_AREA] >= _LEAST_HIDDEN_PX
+    is_large[0] = False
+    return np.asarray(is_large[labels])
 
 
 def place_error(
@@ -304,14 +312,16 @@ def place_error(
     return np.asarray(np.hypot(measured, share * spread), dtype=np.float32)
 
 
-def guarded(is_seen: BoolArray, parallax_px: Float32Array) -> BoolArray:
+def guarded(is_seen: BoolArray, matched: BoolArray, parallax_px: Float32Array) -> BoolArray:
     """Pixels further than a guard band from what is not seen in both, and from a jump.
 
-    Lenses mix what is at both sides of it, and each photograph has them at another distance.
+    Lenses mix what is at both sides of it, and each photograph has them at another distance. Where
+    nothing is ``matched`` lines are filled one by one, and a jump between two of them is none.
     """
     around = np.ones((3, 3), dtype=np.uint8)
-    most = cv2.dilate(np.where(is_seen, parallax_px, np.float32(-1e9)), around)
-    least = cv2.erode(np.where(is_seen, parallax_px, np.float32(1e9)), around)
+    known = is_seen & matched
+    most = cv2.dilate(np.where(known, parallax_px, np.float32(-1e9)), around)
+    least = cv2.erode(np.where(known, parallax_px, np.float32(1e9)), around)
     left_out = ~is_seen | (most - least > _TWO_WAY_PX)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _GUARD_PX + 1, 2 * _GUARD_PX + 1))
     return ~cv2.dilate(left_out.astype(np.uint8), disc).astype(np.bool_)

@@ -133,8 +133,8 @@ def _parallax_of(target: AnyArray, source: AnyArray, pose: DistortedPose) -> Par
     depth = PixelParallax(
         displaced_px=np.stack([own.parallax_px * lit.to_y, own.parallax_px * lit.to_x]),
         restored_px=np.stack([-other.parallax_px * lit.to_y, -other.parallax_px * lit.to_x]),
-        is_seen=guarded(is_seen, own.parallax_px),
-        is_seen_back=guarded(is_seen_back, other.parallax_px),
+        is_seen=guarded(is_seen, own.is_matched, own.parallax_px),
+        is_seen_back=guarded(is_seen_back, other.is_matched, other.parallax_px),
         error_px=place_error(
             own.parallax_px, own.error_px, _apart(own, other, lit), own.is_matched
         ),

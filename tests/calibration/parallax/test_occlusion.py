@@ -188,6 +188,14 @@ def test_a_hole_between_two_surfaces_is_left() -> None:
     np.testing.assert_array_equal(filled, parallax)
 
 
+@pytest.mark.parametrize(("side_px", "is_hidden"), [(3, False), (4, True), (9, True)])
+def test_a_few_pixels_of_another_parallax_are_an_error_of_it(side_px: int, is_hidden: bool) -> None:
+    patch = (ROWS >= 10) & (10 + side_px > ROWS) & (COLS >= 10) & (10 + side_px > COLS)
+    other = np.where(patch, np.float32(9), level(1.0))
+    hidden = hidden_in_other(level(1.0), other, ~NONE, VIEWS)
+    assert hidden.sum() == side_px**2 * is_hidden
+
+
 def test_holes_that_are_tiny_or_huge_or_beyond_a_photograph_are_left() -> None:
     for hole, shown in (
         (disc(20, 30, 1.5), ~NONE),  # 9 px
@@ -200,15 +208,17 @@ def test_holes_that_are_tiny_or_huge_or_beyond_a_photograph_are_left() -> None:
 def test_a_guard_band_surrounds_what_is_not_seen_and_jumps() -> None:
     is_seen = ~NONE.copy()
     is_seen[20, 15] = False
-    found = guarded(is_seen, level(1.0))
+    found = guarded(is_seen, ~NONE, level(1.0))
     away = np.hypot(ROWS - 20, COLS - 15)
     # A disc of 2 px, as OpenCV draws it.
     assert not found[away <= 2].any()
     assert found[away > 3].all()
-    beside = guarded(~NONE, steps(0.0, 4.0))
+    beside = guarded(~NONE, ~NONE, steps(0.0, 4.0))
     # The jump's own two columns, and 2 px at either side.
     np.testing.assert_array_equal(beside, (COLS < 27) | (COLS >= 33))
-    assert guarded(~NONE, steps(0.0, 1.4)).all()
+    assert guarded(~NONE, ~NONE, steps(0.0, 1.4)).all()
+    # Between lines that were filled one by one, a jump tells of no surface.
+    assert guarded(~NONE, gap(29, 32), steps(0.0, 4.0)).all()
 
 
 def test_a_pixel_is_as_far_off_as_its_error_and_more_beside_a_jump() -> None:
