@@ -19,6 +19,7 @@ from benchmarks.peers import (
     alignments,
     blind,
     changes,
+    depth_changes,
     edges,
     kernelgan,
     mtf_mapper,
@@ -38,6 +39,7 @@ def programs(mtf_mapper_output: Path | None = None) -> dict[str, Program]:
         *zoom_outs.PROGRAMS,
         *alignments.PROGRAMS,
         *changes.PROGRAMS,
+        *depth_changes.PROGRAMS,
         *kernelgan.PROGRAMS,
     ]
     if mtf_mapper_output is not None:

@@ -139,7 +139,7 @@ _BLOCK_PX = 4
 _COMPONENTS_SHARE = 0.9
 _KMEANS_ROUNDS = 100
 
-_WARP = "cubic warp by the true homography in the follow-up's light"
+WARP = "cubic warp by the true homography in the follow-up's light"
 _DECLARED = f"declared beyond {_THRESHOLD_SD:g} robust deviations"
 
 
@@ -270,13 +270,13 @@ def _subtraction(
 
     return Program(
         name=name,
-        given=f"{given}, {_WARP}; {_DECLARED}",
+        given=f"{given}, {WARP}; {_DECLARED}",
         answers={"changes": lambda task: _score(task, peer, has_threshold=True)},
         packages=(name,),
     )
 
 
-def _program(
+def program(
     name: str, given: str, peer: Peer, *packages: str, has_threshold: bool = False
 ) -> Program:
     def answer(task: Task) -> ChangeScore:
@@ -286,14 +286,14 @@ def _program(
 
 
 PROGRAMS = (
-    _program(
+    program(
         "difference",
-        f"absolute difference of the {_WARP}, smoothed by 1 px; {_DECLARED}",
+        f"absolute difference of the {WARP}, smoothed by 1 px; {_DECLARED}",
         _difference,
         "scipy",
         has_threshold=True,
     ),
-    _program(
+    program(
         "difference-matched",
         "the same behind a Gaussian for the lacking blur by the chart's erf-fit, over its scatter "
         f"in windows of {5 * _LOCAL_PX} px; {_DECLARED}",
@@ -301,25 +301,25 @@ PROGRAMS = (
         "scipy",
         has_threshold=True,
     ),
-    _program(
+    program(
         "difference-sift",
         "absolute difference behind OpenCV's own SIFT and USAC_MAGSAC",
         absolute_difference,
         "opencv-contrib-python-headless",
     ),
-    _program("ssim", f"scikit-image's SSIM, {_WARP}", structural_dissimilarity, "scikit-image"),
-    _program("ncc", f"local correlation in 9 x 9 px, {_WARP}", _local_correlation, "scipy"),
-    _program("ir-mad", f"IR-MAD (Nielsen 2007), written out here, {_WARP}", ir_mad),
-    _program(
+    program("ssim", f"scikit-image's SSIM, {WARP}", structural_dissimilarity, "scikit-image"),
+    program("ncc", f"local correlation in 9 x 9 px, {WARP}", _local_correlation, "scipy"),
+    program("ir-mad", f"IR-MAD (Nielsen 2007), written out here, {WARP}", ir_mad),
+    program(
         "zogy",
         "proper subtraction (Zackay and others 2016), written out here: Gaussian PSFs of the "
-        f"chart's erf-fit, the noise, {_WARP}; {_DECLARED}",
+        f"chart's erf-fit, the noise, {WARP}; {_DECLARED}",
         zogy,
         has_threshold=True,
     ),
     Program(
         name="pca-kmeans",
-        given=f"PCA and k-means (Celik 2009), written out here, {_WARP}; declared by its clusters",
+        given=f"PCA and k-means (Celik 2009), written out here, {WARP}; declared by its clusters",
         answers={"changes": pca_kmeans},
     ),
     _subtraction("sfft", "SFFT (Hu and others 2022), kernel and light of order 2", sfft),

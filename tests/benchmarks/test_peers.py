@@ -1,17 +1,20 @@
 """Programs that take part in the public benchmark: closed forms, files, runs that broke off."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import standoff
 from benchmarks.peers.__main__ import programs
 from benchmarks.peers.blind import curve_of_kernel
-from benchmarks.peers.changes import pca_kmeans
+from benchmarks.peers.changes import AlignedPair, pca_kmeans
+from benchmarks.peers.depth_changes import flow_difference, stereo_difference
 from benchmarks.peers.edges import Curve, fit_gaussian_edge
 from benchmarks.peers.mtf_mapper import edges_of, program as mtf_mapper
 from benchmarks.peers.ours import moved_pixels
@@ -176,6 +179,35 @@ def test_pca_and_k_means_find_a_strong_change_alone(data: Path) -> None:
     assert made.places is not None
     [(x_px, y_px)] = made.places
     assert (x_px, y_px) == pytest.approx((53.5, 33.5), abs=1.0)
+
+
+@pytest.mark.parametrize("peer", [flow_difference, stereo_difference])
+def test_stereo_and_flow_follow_a_plate_and_find_a_spot_beside_it(
+    peer: Callable[[AlignedPair], FloatArray],
+) -> None:
+    rng = np.random.default_rng(3)
+    ground, plate = (
+        1000 + 600 * gaussian_filter(rng.normal(0, 1, (260, 320)), 1.5) for _ in range(2)
+    )
+    before, after = ground.copy(), ground.copy()
+    before[80:180, 112:232] = plate[80:180, 112:232]
+    after[80:180, 100:220] = plate[80:180, 112:232]
+    y, x = np.indices(ground.shape)
+    after += 400 * np.exp(-(np.hypot(y - 50, x - 60) ** 2) / (2 * 2.0**2))
+    pair = AlignedPair(
+        reference=before,
+        followup=after,
+        warped=before,
+        overlap=np.ones(before.shape, dtype=np.bool_),
+        noise_dn=(1.0, 1.0),
+        blur_px=(1.0, 1.0),
+    )
+    found = peer(pair)
+    on_plate, plain = found[100:160, 120:200], np.abs(gaussian_filter(after - before, 1.0))
+    assert on_plate.mean() < plain[100:160, 120:200].mean() / 5
+    spot = found[44:57, 54:67].max()
+    assert spot > 150
+    assert spot > np.quantile(found[20:70, 20:300], 0.99)
 
 
 @pytest.mark.slow
