@@ -23,6 +23,10 @@ from ._targets import (
     StarFigures as StarFigures,
     star_figures as star_figures,
 )
+from ._texture import (
+    TextureFigures as TextureFigures,
+    texture_figures as texture_figures,
+)
 from ._through_focus import (
     FocusField as FocusField,
     FocusPoint as FocusPoint,

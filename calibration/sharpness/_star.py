@@ -278,7 +278,11 @@ def measure_star(
     contrast = _at_middles(contrast)
     mean, mean_err = mean_of_sectors(contrast.T, errs.T)
     known = np.isfinite(mean)
-    scale = _scale(freq[known], mean[known], mean_err[known], edge_mtf) if known.any() else None
+    scale = (
+        contrast_at_zero(freq[known], mean[known], mean_err[known], edge_mtf)
+        if known.any()
+        else None
+    )
     if scale is None:
         return None
     turns = [(k + 0.5) * 360 / SECTORS for k in range(SECTORS)]
@@ -355,19 +359,20 @@ def _lowest(freq: FloatArray, mean: FloatArray) -> BoolArray:
     return low
 
 
-class _Scale(NamedTuple):
-    """Contrast of the star at frequency 0, and its relative error."""
+class ContrastAtZero(NamedTuple):
+    """Contrast of a target at frequency 0, and its relative error."""
 
     value: float
     relative_err: float
 
 
-def _scale(
+def contrast_at_zero(
     freq: FloatArray,
     mean: FloatArray,
     errs: FloatArray,
     edge_mtf: EdgeMtf | None,
-) -> _Scale | None:
+) -> ContrastAtZero | None:
+    """Contrast of a target at frequency 0, by edges or by its lowest frequencies."""
     low = _lowest(freq, mean)
     if low.sum() < _FEWEST_LOW:
         return None
@@ -377,7 +382,7 @@ def _scale(
         by_noise = float(np.sqrt(np.sum((errs[low] * known) ** 2)) / np.sum(known**2)) / ratio
         # One edge is wrong at all frequencies alike.
         by_edges = float(np.sum(known_err * known) / np.sum(known**2))
-        return _Scale(ratio, float(np.linalg.norm([by_noise, by_edges, _OF_EDGES])))
+        return ContrastAtZero(ratio, float(np.linalg.norm([by_noise, by_edges, _OF_EDGES])))
     weight = mean[low] / errs[low]
     values, noise = [], []
     # The transfer of a lens that is limited by diffraction falls from 0 on like a line, not like
@@ -389,4 +394,4 @@ def _scale(
         values.append(float(fit[0]))
         noise.append(float(np.sqrt(covariance[0, 0])))
     err = float(np.hypot(noise[-1], _OTHER_SHARE * abs(values[1] - values[0])))
-    return _Scale(float(np.exp(values[1])), err)
+    return ContrastAtZero(float(np.exp(values[1])), err)
