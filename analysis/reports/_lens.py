@@ -166,7 +166,14 @@ def _headlines(lens: LensMeasurement) -> Iterator[Verdict]:
             f"{quarter.value:.3f}",
             _with_unit(quarter, 1.0, ""),
         )
-    if lens.lateral_colour:
+    if lens.lateral_fields:
+        field = max(lens.lateral_fields, key=lambda one: one.worst_px.value)
+        yield Verdict(
+            "largest lateral chromatic aberration",
+            f"{field.worst_px.value:.3f} px",
+            f"{field.colour}: {_with_unit(field.worst_px, 1.0, 'px')} over the field",
+        )
+    elif lens.lateral_colour:
         most = max(lens.lateral_colour, key=lambda one: abs(one.shift_px.value))
         yield Verdict(
             "largest lateral chromatic aberration",

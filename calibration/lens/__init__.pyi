@@ -18,6 +18,11 @@ from ._document import (
     frequency_units as frequency_units,
     lateral_shifts as lateral_shifts,
 )
+from ._lateral_colour import (
+    LateralColourField as LateralColourField,
+    ShiftVector as ShiftVector,
+    lateral_fields as lateral_fields,
+)
 from ._targets import (
     SectorFigures as SectorFigures,
     StarFigures as StarFigures,

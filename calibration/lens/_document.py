@@ -12,6 +12,7 @@ from calibration.documents import json_object
 from calibration.edges import AxisTransfer, EdgeMeasurement, mean_transfer
 from calibration.estimate import Estimate
 from calibration.lens._capacity import CapacityFigures
+from calibration.lens._lateral_colour import LateralColourField
 from calibration.lens._targets import StarFigures
 from calibration.lens._texture import TextureFigures
 from calibration.lens._through_focus import FocusPoint, ThroughFocus
@@ -120,6 +121,8 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
         Over- and undershoot; None where no edge has an e-SFR.
     lateral_colour
         The largest lateral chromatic aberration of red and of blue; empty without colours.
+    lateral_fields
+        Red and blue over the field; empty without colours or with fewer than eight edges.
     capacity
         Quanta, detection, information; None where ``notes`` say why.
     noise
@@ -149,6 +152,7 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
     colours: tuple[ColourFigures, ...]
     sharpening: SharpeningFigures | None = None
     lateral_colour: tuple[LateralShift, ...] = ()
+    lateral_fields: tuple[LateralColourField, ...] = Field(default=(), repr=False)
     capacity: CapacityFigures | None = None
     noise: NoiseCalibration | None = None
     emva: tuple[DataSheetFigure, ...] = Field(default=(), repr=False)
@@ -392,6 +396,13 @@ def _camera_figures(
     """Name, value, standard error and unit of what holds for the whole camera."""
     for shift in lens.lateral_colour:
         yield f"largest_{shift.colour}_shift", shift.shift_px.value, shift.shift_px.err, "px"
+    for field in lens.lateral_fields:
+        yield f"worst_{field.colour}_shift", field.worst_px.value, field.worst_px.err, "px"
+        if lens.pixel_pitch_um is not None:
+            pitch_um = lens.pixel_pitch_um
+            value, err = pitch_um * field.worst_px.value, pitch_um * field.worst_px.err
+            yield f"worst_{field.colour}_shift", value, err, "um"
+        yield f"{field.colour}_growth", field.growth.value, field.growth.err, "1"
     if lens.capacity is not None:
         yield from _capacity_figures(lens.capacity)
     if lens.through_focus is not None:

@@ -74,7 +74,10 @@ def star_figures(
     mtf, err = mean_of_sectors(found.mtf, found.mtf_err)
     known = np.isfinite(mtf)
     freq = found.freq_cy_per_px[known]
-    whole = crossings(freq, mtf[known], err[known], found.scale_err)
+    levels = {name: found.smooth.crossing(level) for name, level in _LEVELS}
+    whole = EdgeFigures.model_validate(
+        {name: one and MeasuredValue(value=one[0], err=one[1]) for name, one in levels.items()}
+    )
     half = whole.mtf50_cy_per_px
     return StarFigures(
         image=image,

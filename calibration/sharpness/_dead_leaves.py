@@ -116,7 +116,7 @@ def measure_dead_leaves(
     intrinsic = cross / shown
     intrinsic = intrinsic - _by_window(freq, intrinsic, shown / rings.modes, side)
     err = _OVERLAP_ERR * _jackknife(sums, lambda one: one[0] / one[1])
-    scale = contrast_at_zero(freq, intrinsic, err, None)
+    scale = contrast_at_zero(freq, intrinsic, err)
     if scale is None or not scale.value > 0:
         return None
     direct = direct_err = None

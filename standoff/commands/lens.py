@@ -148,6 +148,8 @@ def _show(found: LensMeasurement, wrote: str) -> None:
             f"largest shift of {shift.colour} from green: {_cell(shift.shift_px, 3)} px at "
             f"({shift.x_px:.0f}, {shift.y_px:.0f})"
         )
+    for field in found.lateral_fields:
+        terminal.say(f"over the field, {field.sentence}")
     for texture in found.textures:
         half = _cell(texture.figures.mtf50_cy_per_px, 4) or "none"
         terminal.say(f"dead leaves: MTF50 {half} cy/px. {texture.sentence}")

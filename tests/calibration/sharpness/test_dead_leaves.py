@@ -43,7 +43,7 @@ def transfer(freq: FloatArray, sigma_px: float = SIGMA_PX) -> FloatArray:
     turns = np.linspace(0, np.pi, 90, endpoint=False)
     pixel = np.sinc(np.outer(freq, np.cos(turns))) * np.sinc(np.outer(freq, np.sin(turns)))
     lens = np.exp(-2 * np.pi**2 * sigma_px**2 * freq**2)
-    return np.asarray(lens[:, None] * pixel).mean(axis=1)
+    return np.asarray(np.mean(lens[:, None] * pixel, axis=1))
 
 
 def test_the_exact_renderer_agrees_with_the_one_that_samples() -> None:
