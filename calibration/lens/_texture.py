@@ -15,6 +15,7 @@ from calibration.sharpness import (
     TextureSfr,
     find_dead_leaves,
     measure_dead_leaves,
+    spread_of,
 )
 from simulation.arrays import FloatArray
 
@@ -84,7 +85,7 @@ def texture_figures(
         intrinsic_err=tuple(found.intrinsic_err.tolist()),
         direct=None if direct is None else tuple(direct.tolist()),
         direct_err=None if direct_err is None else tuple(direct_err.tolist()),
-        figures=crossings(freq, found.intrinsic, found.intrinsic_err, found.scale_err),
+        figures=_figures(found),
         direct_figures=None
         if direct is None or direct_err is None
         else crossings(freq, direct, direct_err, found.scale_err),
@@ -92,6 +93,23 @@ def texture_figures(
         is_lost=over_edges is not None
         and over_edges.value < min(_KEPT, 1 - _SURE * over_edges.err),
     )
+
+
+def _figures(found: TextureSfr) -> EdgeFigures:
+    """Where the intrinsic curve falls to a half and so on, with errors by the jackknife."""
+    curve = found.freq_cy_per_px, found.intrinsic, found.intrinsic_err
+    whole, exact = (crossings(*curve, scale_err) for scale_err in (found.scale_err, 0.0))
+    fewer = [crossings(curve[0], one, curve[2], 0.0) for one in found.without]
+    known = {}
+    for name, value in whole:
+        if not isinstance(value, MeasuredValue):
+            continue
+        of_fewer = [getattr(one, name) for one in fewer]
+        if all(of_fewer):
+            by_scale2 = value.err**2 - getattr(exact, name).err ** 2
+            by_noise = float(spread_of(np.array([one.value for one in of_fewer])))
+            known[name] = MeasuredValue(value=value.value, err=sqrt(by_noise**2 + by_scale2))
+    return EdgeFigures.model_validate(known)
 
 
 def _noise_dn(edges: Sequence[EdgeMeasurement]) -> float | None:
@@ -123,6 +141,6 @@ def _over_edges(found: TextureSfr, edges: Sequence[EdgeMeasurement]) -> Measured
     count = len(areas)
     wider = float(student_t.isf(_CHANCE, count - 1) / norm.isf(_CHANCE)) * sqrt(1 + 1 / count)
     by_edges = wider * float(np.std(areas, ddof=1)) / middle
-    by_texture = float(np.linalg.norm(found.intrinsic_err[:end])) / area
+    by_texture = float(spread_of(found.without[:, :end].sum(axis=1))) / area
     ratio = area / middle
     return MeasuredValue(value=ratio, err=ratio * hypot(by_edges, by_texture, found.scale_err))

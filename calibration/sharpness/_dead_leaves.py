@@ -19,7 +19,7 @@ response using the dead leaves target: extensions, and application to real camer
 current issues and a new intrinsic approach", SPIE 9023, 2014.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from math import hypot, pi
@@ -45,7 +45,7 @@ _SHIFT_CY_PER_PX = 0.25
 _RING_CY_PER_PX = 1 / 96
 _FIRST_MODE = 2.0  # below, the window mixes in the mean
 _FREQ_MOST = 0.5
-_OVERLAP_ERR = 1.06  # root of 1 + 4/36: Hann's windows share a sixth with each of four neighbours
+_OVERLAP_ERR = 1.27  # of drawn noise over a jackknife of tiles that overlap and are each aligned
 _DEGREES = ((40, 3), (16, 2), (9, 1))  # of the polynomial of places, by the number of tiles
 
 _PLACED_PX = 0.01
@@ -66,7 +66,9 @@ class TextureSfr:
     """Contrast by frequency of dead leaves, with standard errors; both curves are 1 at 0.
 
     ``direct`` is None where the noise is not known. ``scale_err`` is the relative error of 1.
-    ``x_px`` and ``y_px`` are the target's middle.
+    ``without`` are the intrinsic curves without each tile, shape ``(tiles, rings)``, of which
+    `spread_of` tells the error of any figure: neighbouring frequencies err alike. ``x_px`` and
+    ``y_px`` are the target's middle.
     """
 
     x_px: float
@@ -78,6 +80,7 @@ class TextureSfr:
     direct: FloatArray | None
     direct_err: FloatArray | None
     scale_err: float
+    without: FloatArray
 
 
 def find_dead_leaves(image_dn: FloatArray, target: FloatArray) -> FloatArray | None:
@@ -112,10 +115,11 @@ def measure_dead_leaves(
     spectra, rings, side = _aligned(tiles), _rings(tiles.side), tiles.side
     sums = np.array([_sums(one, rings) for one in spectra])  # tiles, 3, rings
     freq = np.bincount(rings.ring, weights=rings.freq) / rings.modes
-    cross, shown, seen = sums.sum(axis=0)
+    cross, shown, _ = sums.sum(axis=0)
     intrinsic = cross / shown
     intrinsic = intrinsic - _by_window(freq, intrinsic, shown / rings.modes, side)
-    err = _OVERLAP_ERR * _jackknife(sums, lambda one: one[0] / one[1])
+    without = np.array([one[0] / one[1] for one in sums.sum(axis=0) - sums])
+    err = spread_of(without)
     scale = contrast_at_zero(freq, intrinsic, err)
     if scale is None or not scale.value > 0:
         return None
@@ -126,9 +130,9 @@ def measure_dead_leaves(
         def root(one: FloatArray, count: int) -> FloatArray:
             return np.asarray(np.sqrt(np.maximum(one[2] - count * noise, 0.0) / one[1]))
 
-        direct = root(np.array([cross, shown, seen]), len(sums)) / scale.value
-        left_out = len(sums) - 1
-        direct_err = _OVERLAP_ERR * _jackknife(sums, lambda one: root(one, left_out)) / scale.value
+        direct = root(sums.sum(axis=0), len(sums)) / scale.value
+        fewer = [root(one, len(sums) - 1) for one in sums.sum(axis=0) - sums]
+        direct_err = spread_of(np.array(fewer)) / scale.value
     middle = _projected(matrix, *((size - 1) / 2 for size in reversed(target.shape)))
     return TextureSfr(
         x_px=float(middle[0]),
@@ -139,6 +143,7 @@ def measure_dead_leaves(
         intrinsic_err=err / scale.value,
         direct=direct,
         direct_err=direct_err,
+        without=without / scale.value,
         scale_err=hypot(scale.relative_err, _OF_METHOD),
     )
 
@@ -331,9 +336,8 @@ def _by_window(freq: FloatArray, curve: FloatArray, power: FloatArray, side: int
     return np.asarray(slope * steep / (6 * side**2))
 
 
-def _jackknife(sums: FloatArray, curve: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Standard error of a curve of sums over tiles."""
-    whole = sums.sum(axis=0)
-    without = np.array([curve(whole - one) for one in sums])
-    share = (len(sums) - 1) / len(sums)
-    return np.asarray(np.sqrt(share * np.sum((without - without.mean(axis=0)) ** 2, axis=0)))
+def spread_of(without: FloatArray) -> FloatArray:
+    """Standard error of figures, of the same without each tile (jackknife), shape (tiles, ...)."""
+    share = (len(without) - 1) / len(without)
+    away = without - without.mean(axis=0)
+    return np.asarray(_OVERLAP_ERR * np.sqrt(share * np.sum(away**2, axis=0)))

@@ -13,7 +13,7 @@ that curve falls to a level, all rings say together.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import pi
+from math import hypot, pi
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from simulation.arrays import BoolArray, FloatArray
 
 SECTORS: Final = 8
-_LARGEST_SIDE_PX = 700
+_LARGEST_SIDE_PX = 1400
 _CELL_PX = 4
 _DIRECTIONS = 8
 _STRONGEST = 40_000
@@ -412,7 +412,8 @@ class SmoothContrast:
 
     A lens that is limited by diffraction falls from frequency 0 on like a line, a Gaussian like a
     parabola: the polynomial has both terms. ``least`` and ``most`` are the frequencies between
-    which it was measured.
+    which it was measured. ``richer`` is a polynomial of more terms that fits as well: of what it
+    says otherwise, a half counts as error.
     """
 
     powers: tuple[int, ...]
@@ -420,14 +421,24 @@ class SmoothContrast:
     covariance: FloatArray
     least: float
     most: float
+    richer: "SmoothContrast | None" = None
 
     @property
     def at_zero(self) -> ContrastAtZero:
         """Contrast at frequency 0."""
-        return ContrastAtZero(float(np.exp(self.terms[0])), float(np.sqrt(self.covariance[0, 0])))
+        err = float(np.sqrt(self.covariance[0, 0]))
+        if self.richer is not None:
+            err = hypot(err, _OTHER_SHARE * float(self.richer.terms[0] - self.terms[0]))
+        return ContrastAtZero(float(np.exp(self.terms[0])), err)
 
     def crossing(self, level: float) -> tuple[float, float] | None:
         """Where the contrast falls to a share of that at 0, in cy/px, with its standard error."""
+        known, other = self._crossing(level), self.richer and self.richer._crossing(level)
+        if known is None or other is None:
+            return known
+        return known[0], hypot(known[1], _OTHER_SHARE * (other[0] - known[0]))
+
+    def _crossing(self, level: float) -> tuple[float, float] | None:
         away = np.zeros(max(self.powers) + 1)
         away[list(self.powers)] = self.terms
         away[0] = -np.log(level)
@@ -458,11 +469,14 @@ def _smooth_of(
     if not fits:
         return None
     excess = max(1.0, min(chi2 / (freq.size - len(fit.powers)) for fit, chi2 in fits))
-    best, least = fits[0]
-    for fit, chi2 in fits[1:]:
+    chosen = 0
+    for number, (fit, chi2) in enumerate(fits):
+        best, least = fits[chosen]
         if chi2 < least - _BETTER * excess * (len(fit.powers) - len(best.powers)):
-            best, least = fit, chi2
-    return replace(best, covariance=best.covariance * excess)
+            chosen = number
+    best = fits[chosen][0]
+    richer = fits[chosen + 1][0] if chosen + 1 < len(fits) else None
+    return replace(best, covariance=best.covariance * excess, richer=richer)
 
 
 def _fitted(
