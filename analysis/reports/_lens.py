@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from acquisition.session import Session
@@ -441,6 +442,7 @@ def _plot_sectors(star: StarFigures) -> Figure:
         axes.set(ylim=(0, 1.15 * float(np.max(half_of))))
     axes.set_theta_direction(-1)
     axes.set_rlabel_position(0.0)  # between two sectors, whose middles are at 22.5 degrees and on
+    axes.yaxis.set_major_locator(MaxNLocator(3))
     return figure
 
 

@@ -546,9 +546,12 @@ def plot_lateral_map(
     if psf.pixel_pitch_um is not None:
         said += f" = {unit_px * psf.pixel_pitch_um:.2g} um"
     axes.quiverkey(arrows, 0.86, 1.05, unit_px, said, labelpos="E", color=INK)
+    width, height = psf.picture_width_px or 1, psf.picture_height_px or 1
+    axes.plot([0, width, width, 0, 0], [0, 0, height, height, 0], color=POINTS, linewidth=0.8)
+    room = 0.1 * max(width, height)  # for arrows at the border
     axes.set(
         xlabel="x / px", ylabel="y / px", aspect="equal",
-        xlim=(0, psf.picture_width_px), ylim=(psf.picture_height_px, 0),
+        xlim=(-room, width + room), ylim=(height + room, -room),
     )  # fmt: skip
     figure.legend(loc="outside upper left", ncols=2)
     return figure

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from scipy.special import ndtr
 
 import standoff
-from analysis.changes import ChangeOptions, changes_between
+from analysis.changes import ChangeOptions, ChangeSummary, changes_between
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.focus_scenes import FocusedLens, chart, squares
 from benchmarks.truth.lenses import gaussian
@@ -103,13 +103,14 @@ class Camera:
         made = pair_of(drawn, FRAME, SAME, (blur, blur))
         return made.reference_dn, made.followup_dn
 
-    def compared(self, pair: tuple[FloatArray, FloatArray], added: FloatArray, seed: int):  # type: ignore[no-untyped-def]  # noqa: ANN201
+    def compared(
+        self, pair: tuple[FloatArray, FloatArray], added: FloatArray, seed: int
+    ) -> ChangeSummary:
         """Compare them in noise, with something added to the second."""
         noise = Development(noise_dn=self.noise_dn)
         reference, followup = noise.of(pair[0], 2 * seed), noise.of(pair[1] + added, 2 * seed + 1)
-        return changes_between(
-            reference, followup, None, ChangeOptions(pose=SAME.known(FRAME))
-        ).summary
+        options = ChangeOptions(pose=SAME.known(FRAME))
+        return changes_between(reference, followup, None, options).summary
 
     def judged(self, seed: int, rng: np.random.Generator) -> tuple[list[Judged], int]:
         """Spots of one comparison, and what is listed in the same pair without them."""
@@ -177,7 +178,7 @@ def main(record: Recorder) -> None:
         quanta = quanta_of(lens_px, noise_dn, rng)
         camera = Camera(lens_px=lens_px, noise_dn=noise_dn, quanta=quanta)
         own: list[Judged] = []
-        for turn in range(record.pick(30, 2)):
+        for turn in range(record.pick(10, 2)):
             judged, listed = camera.judged(1000 * number + turn, rng)
             own += judged
             alarms, frames = alarms + listed, frames + 1

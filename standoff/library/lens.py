@@ -166,7 +166,7 @@ class _FocusSeries:
             raise CalibrationError(
                 "no edge is sharpest between the first and the last focus position; photograph "
                 f"the same edges on both sides of the focus, at {_FEWEST_POSITIONS} positions or "
-                "more"
+                "more, in steps that neither blur edges away nor move them far"
             )
         nearest = min(focus_mm, key=lambda one: abs(one - found.best_mm.value))
         chosen = [
