@@ -433,7 +433,8 @@ class SmoothContrast:
 
     def crossing(self, level: float) -> tuple[float, float] | None:
         """Where the contrast falls to a share of that at 0, in cy/px, with its standard error."""
-        known, other = self._crossing(level), self.richer and self.richer._crossing(level)
+        known = self._crossing(level)
+        other = None if self.richer is None else self.richer._crossing(level)
         if known is None or other is None:
             return known
         return known[0], hypot(known[1], _OTHER_SHARE * (other[0] - known[0]))

@@ -344,12 +344,13 @@ def measure_lens(
         noise_measurement=known.measurement,
         notes=call.notes,
     )
-    if page is not None:
-        _write_page(page, lens, sources)
+    _write_page(page, lens, sources)
     return lens
 
 
-def _write_page(page: Path, lens: LensMeasurement, sources: EdgeSources) -> None:
+def _write_page(page: Path | None, lens: LensMeasurement, sources: EdgeSources) -> None:
+    if page is None:
+        return
     from analysis.reports import lens_report  # loads what plots
 
     write_page(page, lens_report(lens, sources.load, sources.session).html())
