@@ -318,6 +318,6 @@ def main(record: Recorder) -> None:
     lenses, draws = record.pick(8, 1), record.pick(6, 1)
     _of_lenses(record, 5, lenses, draws, "lenses looked at while it was made")
     _of_lenses(record, 2112, lenses, draws, "others, never looked at")
-    _of_drawn(record, record.pick(300, 2))
+    _of_drawn(record, record.pick(100, 2))
     _of_flat_fields(record, record.pick(16, 1))
     _of_pupils(record, record.pick(4, 1))
