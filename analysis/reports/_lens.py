@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from acquisition.session import Session
@@ -27,7 +28,13 @@ from analysis.reports._psf import calibration_front, edges_section, verdict_sect
 from analysis.reports._psf_field import field_map_section, lateral_colour_section
 from calibration.edges import EdgeMeasurement
 from calibration.estimate import NORMAL_95, with_reach
-from calibration.lens import CapacityFigures, LensMeasurement, StarFigures, frequency_units
+from calibration.lens import (
+    CapacityFigures,
+    LensMeasurement,
+    StarFigures,
+    TextureFigures,
+    frequency_units,
+)
 from calibration.robust import median_err
 from calibration.sharpness import (
     EdgeFigures,
@@ -66,6 +73,11 @@ _OF_STARS = (
     "Departures: the centre is found by the program; the part in phase with the star counts, not "
     "the modulus; contrast is scaled by edges, or extrapolated, not by patches of the chart."
 )
+_OF_TEXTURE = (
+    "ISO 19567-2, dead leaves: as in the standard, contrast of texture by frequency from spectra "
+    "of a stochastic target. Departures: the target is known by its picture, and found by "
+    "registration; both the direct method and the intrinsic one; contrast 1 is extrapolated."
+)
 _OF_FOCUS = (
     "Focus: the position of the largest contrast at one frequency; ISO 12233 and EMVA 1288 have no "
     "such figures. Third-order field curvature and astigmatism, and a flat target across the axis."
@@ -98,6 +110,7 @@ def lens_report(
             field_map_section(psf),
             lateral_colour_section(psf),
             _stars_section(lens),
+            _texture_section(lens),
             focus_section(lens),
             _information_section(lens.capacity),
             None if lens.noise_measurement is None else camera_section(lens.noise_measurement),
@@ -107,6 +120,7 @@ def lens_report(
                 "Standards and departures",
                 *_DEPARTURES,
                 _OF_STARS if lens.stars else None,
+                _OF_TEXTURE if lens.textures else None,
                 _OF_FOCUS if lens.through_focus is not None else None,
                 is_folded=True,
             ),
@@ -125,6 +139,8 @@ def _standards(lens: LensMeasurement) -> Iterator[tuple[str, str]]:
         named.append("ISO 12233:2024 (e-SFR, annex D)")
     if lens.stars:
         named.append("ISO 12233:2024 (s-SFR)")
+    if lens.textures:
+        named.append("ISO 19567-2 (dead leaves)")
     if lens.noise_measurement is not None:
         named.append("EMVA 1288 R4 (linear)")
     if named:
@@ -151,7 +167,14 @@ def _headlines(lens: LensMeasurement) -> Iterator[Verdict]:
             f"{quarter.value:.3f}",
             _with_unit(quarter, 1.0, ""),
         )
-    if lens.lateral_colour:
+    if lens.lateral_fields:
+        field = max(lens.lateral_fields, key=lambda one: one.worst_px.value)
+        yield Verdict(
+            "largest lateral chromatic aberration",
+            f"{field.worst_px.value:.3f} px",
+            f"{field.colour}: {_with_unit(field.worst_px, 1.0, 'px')} over the field",
+        )
+    elif lens.lateral_colour:
         most = max(lens.lateral_colour, key=lambda one: abs(one.shift_px.value))
         yield Verdict(
             "largest lateral chromatic aberration",
@@ -418,6 +441,64 @@ def _plot_sectors(star: StarFigures) -> Figure:
         )
         axes.set(ylim=(0, 1.15 * float(np.max(half_of))))
     axes.set_theta_direction(-1)
+    axes.set_rlabel_position(0.0)  # between two sectors, whose middles are at 22.5 degrees and on
+    axes.yaxis.set_major_locator(MaxNLocator(3))
+    return figure
+
+
+def _texture_section(lens: LensMeasurement) -> ReportSection | None:
+    """Dead leaves beside edges; None without any."""
+    if not lens.textures:
+        return None
+    first = lens.textures[0]
+    return ReportSection.of(
+        "Texture (dead leaves)",
+        "Intrinsic (Kirk et al.): the detail of the target that the photograph still shows. Direct "
+        "(McElvain et al.): all its detail, also what processing adds, less the noise beside the "
+        "edges. Contrast 1 is extrapolated from the lowest frequencies.",
+        *dict.fromkeys(one.sentence for one in lens.textures),
+        ReportTable.of(
+            lens.textures,
+            {
+                "target": lambda one: f"({one.x_px:.0f}, {one.y_px:.0f})",
+                "MTF50 / (cy/px)": lambda one: _text(one.figures.mtf50_cy_per_px),
+                "MTF20 / (cy/px)": lambda one: _text(one.figures.mtf20_cy_per_px),
+                "MTF10 / (cy/px)": lambda one: _text(one.figures.mtf10_cy_per_px),
+                "MTF50, direct": lambda one: (
+                    "" if one.direct_figures is None else _text(one.direct_figures.mtf50_cy_per_px)
+                ),
+                "area over that of the edges": lambda one: _text(one.over_edges),
+            },
+        ),
+        ReportFigure.of(
+            _plot_texture(first, lens),
+            "Contrast by frequency of the first target, with 95 % bands, and of the edges "
+            f"(all of colour {lens.main.colour}).",
+        ),
+    )
+
+
+@in_report_style
+def _plot_texture(texture: TextureFigures, lens: LensMeasurement) -> Figure:
+    """Plot both curves and that of the edges."""
+    figure, axes = new_plot(3.6, 2.6)
+    freq = np.array(texture.freq_cy_per_px)
+    curves = (
+        ("direct", texture.direct, texture.direct_err, VERMILION),
+        ("intrinsic", texture.intrinsic, texture.intrinsic_err, BLUE),
+    )
+    for label, values, errs, ink in curves:
+        if values is None or errs is None:
+            continue
+        mtf, reach = np.array(values), NORMAL_95 * np.array(errs)
+        axes.plot(freq, mtf, color=ink, linewidth=1.4, label=label)
+        axes.fill_between(freq, mtf - reach, mtf + reach, color=ink, alpha=0.2, linewidth=0)
+    edges = lens.main.sfr
+    if edges is not None:
+        axes.plot(edges.freq_cy_per_px, edges.mtf, color=INK, linewidth=1.0, label="edges")
+    axes.axvline(0.25, color=POINTS, linewidth=0.8, linestyle=":")
+    axes.set(xlabel="frequency / (cy/px)", ylabel="contrast", xlim=(0, 0.5), ylim=(0, None))
+    axes.legend()
     return figure
 
 

@@ -19,6 +19,7 @@ from analysis.reports._psf_edges import plot_widths_by_angle
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.errors import PsfFileError
 from calibration.estimate import NORMAL_95, with_reach
+from calibration.lens import LateralColourField, lateral_fields
 from calibration.psf import (
     ORIENTATION_COLOURS,
     HeightTrend,
@@ -27,7 +28,7 @@ from calibration.psf import (
     draw_mtf,
     draw_transfer_2d,
 )
-from calibration.sharpness import Direction, edge_name, position_in_field, reported_mtf50
+from calibration.sharpness import Direction, Picture, edge_name, position_in_field, reported_mtf50
 from simulation.arrays import FloatArray
 from simulation.palette import BLUE, INK, POINTS, VERMILION
 from simulation.psf import PsfField
@@ -40,6 +41,7 @@ _MAP_POINTS = 61
 _ELLIPSES = 5
 _TRANSFER_ROOM = 0.08
 _LEGEND_DASHES = 4.5  # letters wide: a whole period of the longest dashes
+_ARROW_IN = 0.45  # long, the arrow of reference
 _ELLIPSE_SHARE = 0.055  # of the frame's width, for the widest one
 
 
@@ -457,6 +459,9 @@ def lateral_colour_section(psf: PsfCalibration) -> ReportSection | None:
     most_blue = max(edges, key=lambda edge: abs(edge.blue_shift_px or 0.0))
     largest = [most_red] if most_red is most_blue else [most_red, most_blue]
     is_few = len(edges) < _FEWEST_DRAWN
+    fields = lateral_fields(
+        psf.edges_used, Picture(width_px=width, height_px=height, pixel_pitch_um=psf.pixel_pitch_um)
+    )
     has_image = len({edge.image for edge in psf.edges}) > 1
     return ReportSection.of(
         "Lateral colour",
@@ -477,6 +482,15 @@ def lateral_colour_section(psf: PsfCalibration) -> ReportSection | None:
             "part of the radius that lies along the edge's normal: lateral colour that grows "
             "with the radius is a straight line through 0.",
         ),
+        *(field.sentence for field in fields),
+        ReportFigure.of(
+            plot_lateral_map(fields, edges, psf),
+            "Shift of red and blue from green over the field: an image of another size, decentred, "
+            "with a part of third order, fitted to all edges (dots). Arrows are enlarged; a cross "
+            "marks the worst point.",
+        )
+        if fields
+        else None,
     )
 
 
@@ -507,6 +521,39 @@ def plot_lateral_colour(edges: Sequence[EdgeMeasurement], width_px: int, height_
         xlabel="distance from the centre along the normal / px", ylabel="shift / px", xlim=(0, None)
     )
     figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+@in_report_style
+def plot_lateral_map(
+    fields: Sequence[LateralColourField], edges: Sequence[EdgeMeasurement], psf: PsfCalibration
+) -> Figure:
+    """Draw the shifts of red and blue over the field as arrows, with a length of reference."""
+    figure, axes = new_plot(6.0, 4.0)
+    axes.scatter([one.x_px for one in edges], [one.y_px for one in edges], s=3, color=POINTS)
+    most = max(field.worst_px.value for field in fields)
+    unit_px = float(f"{most:.1g}") or 1.0
+    inks = dict(_COLOURS)
+    for field in fields:
+        drawn = [(one.x_px, one.y_px, one.right_px, one.down_px) for one in field.vectors]
+        x, y, right, down = np.array(drawn).T
+        arrows = axes.quiver(
+            x, y, right, down, color=inks[field.colour], angles="xy", scale_units="inches",
+            scale=unit_px / _ARROW_IN, width=0.004, label=f"{field.colour} from green",
+        )  # fmt: skip
+        axes.plot(field.worst.x_px, field.worst.y_px, "x", color=inks[field.colour], markersize=7)
+    said = f"{unit_px:g} px"
+    if psf.pixel_pitch_um is not None:
+        said += f" = {unit_px * psf.pixel_pitch_um:.2g} um"
+    axes.quiverkey(arrows, 0.86, 1.05, unit_px, said, labelpos="E", color=INK)
+    width, height = psf.picture_width_px or 1, psf.picture_height_px or 1
+    axes.plot([0, width, width, 0, 0], [0, 0, height, height, 0], color=POINTS, linewidth=0.8)
+    room = 0.1 * max(width, height)  # for arrows at the border
+    axes.set(
+        xlabel="x / px", ylabel="y / px", aspect="equal",
+        xlim=(-room, width + room), ylim=(height + room, -room),
+    )  # fmt: skip
+    figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 

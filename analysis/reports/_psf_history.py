@@ -53,20 +53,26 @@ class HistoryEntry:
         return (self.psf.camera.serial if self.psf.camera else None) or _UNKNOWN
 
     @property
+    def camera(self) -> str:
+        """The serial number, with the lens where that is stated: two lenses have two histories."""
+        lens = (self.psf.labels or {}).get("lens")
+        return self.serial if lens is None else f"{self.serial}, {lens}"
+
+    @property
     def captured_utc(self) -> str:
         """When its first capture was taken, or ``unknown``."""
         return self.psf.captured_utc or _UNKNOWN
 
 
 def ordered_history(psfs: Sequence[tuple[str, PsfCalibration]]) -> dict[str, list[HistoryEntry]]:
-    """Sort calibrations by camera and time, each compared with the first of its camera.
+    """Sort calibrations by camera, lens and time, each compared with the first of its camera.
 
     Those whose time is not known come first, in the order given.
     """
     by_camera: dict[str, list[HistoryEntry]] = defaultdict(list)
     for name, psf in psfs:
         entry = HistoryEntry(name=name, psf=psf)
-        by_camera[entry.serial].append(entry)
+        by_camera[entry.camera].append(entry)
     return {
         serial: _compared(sorted(entries, key=lambda e: e.psf.captured_utc or ""))
         for serial, entries in sorted(by_camera.items())
@@ -78,7 +84,8 @@ def history_document(history: dict[str, list[HistoryEntry]]) -> dict[str, Any]:
     return {
         "cameras": [
             {
-                "serial": serial,
+                "serial": entries[0].serial,
+                "lens": (entries[0].psf.labels or {}).get("lens"),
                 **_focus(entries),
                 "control_charts": [one.to_json() for one in _charts(entries)],
                 "calibrations": [
@@ -101,7 +108,7 @@ def history_document(history: dict[str, list[HistoryEntry]]) -> dict[str, Any]:
                     for entry in entries
                 ],
             }
-            for serial, entries in history.items()
+            for entries in history.values()
         ]
     }
 

@@ -5,13 +5,18 @@ depth of focus are known (``benchmarks/truth/focus_scenes.py``); the picture gro
 as behind a lens that breathes. Then edges behind a perfect lens with defocus, whose contrast is
 that of Hopkins and not Gaussian. And lenses without tilt, curvature or astigmatism, for which all
 of that must be 0 within the intervals, and charts that do not change with the position.
+
+``Drawn``: the contrasts of edges in closed form with normal errors, as many as are stated, without
+any picture: thousands of intervals of the field, of many edges and of few.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import product
 from math import cos, pi, radians, sin
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from benchmarks.harness import Recorder, benchmark
@@ -148,6 +153,88 @@ def _covers(value: MeasuredValue, truth: float) -> bool:
     return bool(abs(value.value - truth) <= NORMAL_95 * value.err)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnSfr:
+    """What an edge's e-SFR says at the stated frequency, with its standard error."""
+
+    contrast: float
+    err: float
+
+    def transform(self, freq_cy_per_px: FloatArray) -> NDArray[np.complex128]:
+        """The contrast, whatever the frequency."""
+        return np.full(freq_cy_per_px.shape, self.contrast, np.complex128)
+
+    def transform_err(self, freq_cy_per_px: FloatArray) -> FloatArray:
+        """Its error."""
+        return np.full(freq_cy_per_px.shape, self.err)
+
+
+def drawn_edges(
+    lens: FocusedLens, middles: Sequence[tuple[float, float]], rng: np.random.Generator
+) -> list[EdgeMeasurement]:
+    """Four edges about each middle at all positions, whose contrasts have errors of half a %."""
+    template, length = _template(), 2 * HALF_PX
+    found = []
+    for position in POSITIONS_MM:
+        growth = 1 + BREATHING_PER_MM * position
+        for (x, y), side in product(middles, range(4)):
+            normal = radians(TURN_DEG + 90 * side)
+            away = np.array([cos(normal), sin(normal)])
+            middle = np.array([(SIZE_PX[0] - 1) / 2, (SIZE_PX[1] - 1) / 2])
+            at = middle + growth * (np.array([x, y]) + HALF_PX * away - middle)
+            along = np.linspace(-0.4, 0.4, 5) * length
+            places = at[:, None] + np.array([-away[1], away[0]])[:, None] * along
+            sigma = lens.sigma_across(places[0], places[1], normal, position)
+            freq = STATED.freq_cy_per_px
+            true = float(
+                np.mean([lens.contrast_across(s**2, normal, freq) for s in sigma.tolist()])
+            )
+            update = {
+                "image": f"{position}",
+                **{"x_px": float(at[0]), "y_px": float(at[1])},
+                "angle_deg": TURN_DEG + 90 * side - 90,
+                "length_px": 0.8 * length,
+                "levels_dn": (400.0, 2800.0) if side < 2 else (2800.0, 400.0),
+                "esfr": DrawnSfr(contrast=true + rng.normal(0, 0.005), err=0.005),
+            }
+            found.append(template.model_copy(update=update))
+    return found
+
+
+def _template() -> EdgeMeasurement:
+    """An edge that is used."""
+    lens = replace(drawn_lens(np.random.default_rng(1)), width_px=120, height_px=120)
+    image = chart(lens, [(60.0, 60.0)], HALF_PX, TURN_DEG, lens.best_mm)
+    found = EdgeSelection().measured_in(EdgeImage(name="edge", image_dn=image), "all-angles")
+    return next(edge for edge in found if edge.is_used)
+
+
+def _of_drawn(record: Recorder, draws: int) -> None:
+    """Coverage of tilt and curvatures where contrasts are drawn."""
+    rng = np.random.default_rng(2233)
+    picture = Picture(width_px=SIZE_PX[0], height_px=SIZE_PX[1], pixel_pitch_um=5.0)
+    positions = {f"{one}": one for one in POSITIONS_MM}
+    for columns, rows in ((5, 4), (3, 2), (2, 1)):
+        covered: dict[str, list[bool]] = {}
+        for _ in range(draws):
+            lens = drawn_lens(rng)
+            edges = drawn_edges(lens, squares(lens, columns, rows), rng)
+            found = through_focus(edges, positions, picture, STATED, "focus")
+            if found is None or found.field is None:
+                continue
+            for name, value, truth in compared(lens, found):
+                if not name.startswith("depth"):
+                    covered.setdefault(name, []).append(_covers(value, truth))
+        bent = [one for name in ("tangential", "sagittal", "curvature", "astigmatism")
+                for one in covered[name]]  # fmt: skip
+        said = ", ".join(f"{name} {100 * np.mean(one):.1f}" for name, one in covered.items())
+        record.say(
+            f"drawn, {4 * columns * rows} edges: covered in %: {said}; {len(bent)} intervals"
+        )
+        share = 100 * float(np.mean(bent))
+        record.figure(f"curvatures that cover, {4 * columns * rows} edges drawn", share, "%")
+
+
 def _of_flat_fields(record: Recorder, draws: int) -> None:
     """Where nothing is tilted or bent, nothing must be found."""
     rng = np.random.default_rng(77)
@@ -231,5 +318,6 @@ def main(record: Recorder) -> None:
     lenses, draws = record.pick(8, 1), record.pick(6, 1)
     _of_lenses(record, 5, lenses, draws, "lenses looked at while it was made")
     _of_lenses(record, 2112, lenses, draws, "others, never looked at")
+    _of_drawn(record, record.pick(100, 2))
     _of_flat_fields(record, record.pick(16, 1))
     _of_pupils(record, record.pick(4, 1))

@@ -18,10 +18,19 @@ from ._document import (
     frequency_units as frequency_units,
     lateral_shifts as lateral_shifts,
 )
+from ._lateral_colour import (
+    LateralColourField as LateralColourField,
+    ShiftVector as ShiftVector,
+    lateral_fields as lateral_fields,
+)
 from ._targets import (
     SectorFigures as SectorFigures,
     StarFigures as StarFigures,
     star_figures as star_figures,
+)
+from ._texture import (
+    TextureFigures as TextureFigures,
+    texture_figures as texture_figures,
 )
 from ._through_focus import (
     FocusField as FocusField,

@@ -12,7 +12,9 @@ from calibration.documents import json_object
 from calibration.edges import AxisTransfer, EdgeMeasurement, mean_transfer
 from calibration.estimate import Estimate
 from calibration.lens._capacity import CapacityFigures
+from calibration.lens._lateral_colour import LateralColourField
 from calibration.lens._targets import StarFigures
+from calibration.lens._texture import TextureFigures
 from calibration.lens._through_focus import FocusPoint, ThroughFocus
 from calibration.noise import EmvaSheet, NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration
@@ -119,6 +121,8 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
         Over- and undershoot; None where no edge has an e-SFR.
     lateral_colour
         The largest lateral chromatic aberration of red and of blue; empty without colours.
+    lateral_fields
+        Red and blue over the field; empty without colours or with fewer than eight edges.
     capacity
         Quanta, detection, information; None where ``notes`` say why.
     noise
@@ -127,6 +131,8 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
         The data sheet of EMVA 1288; empty without darks and flats.
     stars
         What Siemens stars in the photographs tell; empty without any.
+    textures
+        What dead leaves in the photographs tell; empty without any.
     through_focus
         Best focus over the field and depth of field; None of photographs at fewer than five focus
         positions or heights, or without a best focus between them.
@@ -146,10 +152,12 @@ class LensMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
     colours: tuple[ColourFigures, ...]
     sharpening: SharpeningFigures | None = None
     lateral_colour: tuple[LateralShift, ...] = ()
+    lateral_fields: tuple[LateralColourField, ...] = Field(default=(), repr=False)
     capacity: CapacityFigures | None = None
     noise: NoiseCalibration | None = None
     emva: tuple[DataSheetFigure, ...] = Field(default=(), repr=False)
     stars: tuple[StarFigures, ...] = Field(default=(), repr=False)
+    textures: tuple[TextureFigures, ...] = Field(default=(), repr=False)
     through_focus: ThroughFocus | None = None
     verdict: SharpnessVerdict | None = None
     edges: tuple[EdgeOfColour, ...] = Field(default=(), repr=False)
@@ -259,6 +267,7 @@ def camera_figures(
     noise: NoiseCalibration | None,
     sheet: EmvaSheet | None,
     focus: ThroughFocus | None,
+    textures: Sequence[TextureFigures] = (),
 ) -> dict[str, Estimate]:
     """Return the figures that a limits file bounds under ``CAMERA_TABLES``.
 
@@ -268,6 +277,9 @@ def camera_figures(
     if sharpening is not None:
         found["sharpening.max_overshoot"] = sharpening.overshoot
         found["sharpening.max_undershoot"] = sharpening.undershoot
+    kept = [one.over_edges.estimate for one in textures if one.over_edges is not None]
+    if kept:
+        found["sharpening.min_texture_over_edges"] = min(kept, key=lambda one: one.value)
     if capacity is not None:
         quarter = capacity.freq_cy_per_px.index(0.25)
         found["camera.min_neq_at_half_nyquist"] = Estimate(
@@ -312,6 +324,8 @@ def figure_rows(lens: LensMeasurement) -> Iterator[dict[str, object]]:
         yield from _rows(lens, where | {"part": "edge"}, edge.figures)
     for star in lens.stars:
         yield from _star_rows(lens, star)
+    for texture in lens.textures:
+        yield from _texture_rows(lens, texture)
     if lens.through_focus is not None:
         for point in lens.through_focus.points:
             where = point.model_dump(include={"x_px", "y_px", "angle_deg"})
@@ -334,6 +348,19 @@ def _star_rows(lens: LensMeasurement, star: StarFigures) -> Iterator[dict[str, o
     for sector in star.sectors:
         turned = {"part": "star_sector", "angle_deg": sector.direction_deg}
         yield from _rows(lens, where | turned, sector.figures)
+
+
+def _texture_rows(lens: LensMeasurement, texture: TextureFigures) -> Iterator[dict[str, object]]:
+    """Dead leaves by the intrinsic and by the direct method, and beside the edges."""
+    where: dict[str, object] = {"colour": lens.main.colour, "image": texture.image}
+    where |= {"x_px": texture.x_px, "y_px": texture.y_px, "angle_deg": None}
+    yield from _rows(lens, where | {"part": "texture"}, texture.figures)
+    if texture.direct_figures is not None:
+        yield from _rows(lens, where | {"part": "texture_direct"}, texture.direct_figures)
+    ratio = texture.over_edges
+    if ratio is not None:
+        known_as = {"figure": "texture_over_edges", "value": ratio.value, "err": ratio.err}
+        yield where | {"part": "texture"} | known_as | {"unit": "1", "is_model_free": True}
 
 
 def _rows(
@@ -369,6 +396,13 @@ def _camera_figures(
     """Name, value, standard error and unit of what holds for the whole camera."""
     for shift in lens.lateral_colour:
         yield f"largest_{shift.colour}_shift", shift.shift_px.value, shift.shift_px.err, "px"
+    for field in lens.lateral_fields:
+        yield f"worst_{field.colour}_shift", field.worst_px.value, field.worst_px.err, "px"
+        if lens.pixel_pitch_um is not None:
+            pitch_um = lens.pixel_pitch_um
+            value, err = pitch_um * field.worst_px.value, pitch_um * field.worst_px.err
+            yield f"worst_{field.colour}_shift", value, err, "um"
+        yield f"{field.colour}_growth", field.growth.value, field.growth.err, "1"
     if lens.capacity is not None:
         yield from _capacity_figures(lens.capacity)
     if lens.through_focus is not None:

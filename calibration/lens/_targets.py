@@ -74,7 +74,10 @@ def star_figures(
     mtf, err = mean_of_sectors(found.mtf, found.mtf_err)
     known = np.isfinite(mtf)
     freq = found.freq_cy_per_px[known]
-    whole = _crossings(freq, mtf[known], err[known], found.scale_err)
+    levels = {name: found.smooth.crossing(level) for name, level in _LEVELS}
+    whole = EdgeFigures.model_validate(
+        {name: one and MeasuredValue(value=one[0], err=one[1]) for name, one in levels.items()}
+    )
     half = whole.mtf50_cy_per_px
     return StarFigures(
         image=image,
@@ -91,7 +94,7 @@ def star_figures(
         sectors=tuple(
             SectorFigures(
                 direction_deg=turn,
-                figures=_crossings(found.freq_cy_per_px, row, row_err, found.scale_err),
+                figures=crossings(found.freq_cy_per_px, row, row_err, found.scale_err),
             )
             for turn, row, row_err in zip(found.sector_deg, found.mtf, found.mtf_err, strict=True)
         ),
@@ -129,8 +132,8 @@ def _ratio(half: MeasuredValue, edges: Sequence[EdgeMeasurement]) -> MeasuredVal
     return MeasuredValue(value=value, err=value * relative)
 
 
-def _crossings(freq: FloatArray, mtf: FloatArray, err: FloatArray, scale_err: float) -> EdgeFigures:
-    """Where a curve falls to a half, a fifth and a tenth, with errors."""
+def crossings(freq: FloatArray, mtf: FloatArray, err: FloatArray, scale_err: float) -> EdgeFigures:
+    """Return where a curve falls to a half, a fifth and a tenth, with errors."""
     found = {name: _crossing(freq, mtf, err, level, scale_err) for name, level in _LEVELS}
     return EdgeFigures.model_validate(found)
 

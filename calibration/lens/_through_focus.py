@@ -199,6 +199,12 @@ def through_focus(
     errs = np.array([one.best_mm.err for one in points])
     middle = MeasuredValue(value=float(np.median(best)), err=_median_err(best, errs))
     found, missing = _field_of(points, picture, axis, _growth_per_mm(tracks, picture))
+    short = sum(len(one.edges) < _FEWEST_POSITIONS for one in tracks)
+    if missing is not None and short:
+        missing += (
+            f"; {short} more were followed through fewer than {_FEWEST_POSITIONS} positions, as "
+            "where steps are so wide that edges blur away or move between them"
+        )
     return ThroughFocus(
         axis=axis,
         contrast=stated.contrast,

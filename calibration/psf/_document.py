@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from datetime import UTC, datetime, timedelta
 from html import escape
-from typing import TYPE_CHECKING, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from acquisition.dataframe import dataframe
 from acquisition.files import Provenance, StoredModel
@@ -41,6 +42,20 @@ _NO_ESTIMATES = PsfEstimates(sigma_x_px=None, sigma_y_px=None, rho=None, covaria
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
 Matrix = tuple[tuple[float, ...], ...]
+
+
+def _in_utc(text: str | None) -> str | None:
+    """A time in UTC; one with another offset is converted, one without is taken as UTC."""
+    if text is None:
+        return None
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ValueError(f"expected a time in ISO 8601, got {text!r}") from error
+    if moment.utcoffset() == timedelta(0):
+        return text
+    moment = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    return moment.isoformat().removesuffix("+00:00") + "Z"
 
 
 class _PsfDocument(StoredModel):
@@ -253,7 +268,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     transfer: MeasuredTransfer | None = None
     transfer_2d: Transfer2d | None = Field(default=None, repr=False)
     camera: CameraIdentity | None = CameraIdentity()
-    captured_utc: str | None = None
+    captured_utc: Annotated[str | None, AfterValidator(_in_utc)] = None
     region: str | None = None
     channel: str | None = None
     channels: dict[str, ColourPsf] | None = None

@@ -1,3 +1,9 @@
+from ._dead_leaves import (
+    TextureSfr as TextureSfr,
+    find_dead_leaves as find_dead_leaves,
+    measure_dead_leaves as measure_dead_leaves,
+    spread_of as spread_of,
+)
 from ._edge_figures import (
     FIGURE_NAMES as FIGURE_NAMES,
     NYQUIST as NYQUIST,

@@ -7,21 +7,23 @@ ring of each of eight sectors (ISO 12233:2024), a wave of that period is fitted;
 in phase with the star is the contrast, in which noise cancels.
 
 The contrast of the target itself is not known. The curve is 1 at frequency 0: by edges of the same
-photograph, if it shows any, else by what the innermost frequencies extrapolate to.
+photograph, if it shows any, else by what one smooth curve through all rings extrapolates to. Where
+that curve falls to a level, all rings say together.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import pi
+from dataclasses import dataclass, replace
+from math import hypot, pi
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyroots, polyval
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from simulation.arrays import BoolArray, FloatArray
 
 SECTORS: Final = 8
-_LARGEST_SIDE_PX = 700
+_LARGEST_SIDE_PX = 1400
 _CELL_PX = 4
 _DIRECTIONS = 8
 _STRONGEST = 40_000
@@ -41,6 +43,10 @@ _OTHER_SHARE = 0.5
 _FEWEST_LOW = 5
 _OF_EDGES = 3e-3  # relative
 _SEEN_SIGMAS = 3.0
+_POWERS = ((0, 1, 2), (0, 1, 2, 4), (0, 1, 2, 3, 4))
+_BETTER = 9.0  # of chi-squared, a term
+_LEAST_CONTRAST = 0.02
+_STEPS, _STEP_SIGMAS = 40, 1e-3
 
 
 EdgeMtf = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -63,7 +69,8 @@ class StarSfr:
 
     ``mtf`` and ``mtf_err`` have a row for each sector, whose middles are at ``sector_deg`` from +x
     on, y down: the waves of a sector lie across that direction. NaN where a sector is not in the
-    frame. ``scaled_by`` says what 1 at frequency 0 is by, ``scale_err`` is its relative error.
+    frame. ``scaled_by`` says what 1 at frequency 0 is by, ``scale_err`` is its relative error;
+    ``smooth`` is the curve through the mean of the sectors.
     """
 
     place: StarPlace
@@ -73,6 +80,7 @@ class StarSfr:
     sector_deg: tuple[float, ...]
     scale_err: float
     scaled_by: Literal["edges", "extrapolation"]
+    smooth: "SmoothContrast"
 
 
 def find_star(image_dn: FloatArray) -> StarPlace | None:
@@ -278,9 +286,10 @@ def measure_star(
     contrast = _at_middles(contrast)
     mean, mean_err = mean_of_sectors(contrast.T, errs.T)
     known = np.isfinite(mean)
-    scale = _scale(freq[known], mean[known], mean_err[known], edge_mtf) if known.any() else None
-    if scale is None:
+    smooth = _smooth_of(freq[known], mean[known], mean_err[known], edge_mtf)
+    if smooth is None:
         return None
+    scale = smooth.at_zero
     turns = [(k + 0.5) * 360 / SECTORS for k in range(SECTORS)]
     return StarSfr(
         place=place,
@@ -290,6 +299,7 @@ def measure_star(
         sector_deg=tuple(turns),
         scale_err=scale.relative_err,
         scaled_by="extrapolation" if edge_mtf is None else "edges",
+        smooth=smooth,
     )
 
 
@@ -355,29 +365,18 @@ def _lowest(freq: FloatArray, mean: FloatArray) -> BoolArray:
     return low
 
 
-class _Scale(NamedTuple):
-    """Contrast of the star at frequency 0, and its relative error."""
+class ContrastAtZero(NamedTuple):
+    """Contrast of a target at frequency 0, and its relative error."""
 
     value: float
     relative_err: float
 
 
-def _scale(
-    freq: FloatArray,
-    mean: FloatArray,
-    errs: FloatArray,
-    edge_mtf: EdgeMtf | None,
-) -> _Scale | None:
+def contrast_at_zero(freq: FloatArray, mean: FloatArray, errs: FloatArray) -> ContrastAtZero | None:
+    """Contrast of a target at frequency 0, by its lowest frequencies."""
     low = _lowest(freq, mean)
     if low.sum() < _FEWEST_LOW:
         return None
-    if edge_mtf is not None:
-        known, known_err = edge_mtf(freq[low])
-        ratio = float(np.sum(mean[low] * known) / np.sum(known**2))
-        by_noise = float(np.sqrt(np.sum((errs[low] * known) ** 2)) / np.sum(known**2)) / ratio
-        # One edge is wrong at all frequencies alike.
-        by_edges = float(np.sum(known_err * known) / np.sum(known**2))
-        return _Scale(ratio, float(np.linalg.norm([by_noise, by_edges, _OF_EDGES])))
     weight = mean[low] / errs[low]
     values, noise = [], []
     # The transfer of a lens that is limited by diffraction falls from 0 on like a line, not like
@@ -389,4 +388,128 @@ def _scale(
         values.append(float(fit[0]))
         noise.append(float(np.sqrt(covariance[0, 0])))
     err = float(np.hypot(noise[-1], _OTHER_SHARE * abs(values[1] - values[0])))
-    return _Scale(float(np.exp(values[1])), err)
+    return ContrastAtZero(float(np.exp(values[1])), err)
+
+
+def _by_edges(
+    freq: FloatArray, mean: FloatArray, errs: FloatArray, edge_mtf: EdgeMtf
+) -> ContrastAtZero | None:
+    """Contrast of a target at frequency 0, by edges at its lowest frequencies."""
+    low = _lowest(freq, mean)
+    if low.sum() < _FEWEST_LOW:
+        return None
+    known, known_err = edge_mtf(freq[low])
+    ratio = float(np.sum(mean[low] * known) / np.sum(known**2))
+    by_noise = float(np.sqrt(np.sum((errs[low] * known) ** 2)) / np.sum(known**2)) / ratio
+    # One edge is wrong at all frequencies alike.
+    by_edges = float(np.sum(known_err * known) / np.sum(known**2))
+    return ContrastAtZero(ratio, float(np.linalg.norm([by_noise, by_edges, _OF_EDGES])))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SmoothContrast:
+    """Contrast whose logarithm is a polynomial of the frequency, with its covariance.
+
+    A lens that is limited by diffraction falls from frequency 0 on like a line, a Gaussian like a
+    parabola: the polynomial has both terms. ``least`` and ``most`` are the frequencies between
+    which it was measured. ``richer`` is a polynomial of more terms that fits as well: of what it
+    says otherwise, a half counts as error.
+    """
+
+    powers: tuple[int, ...]
+    terms: FloatArray
+    covariance: FloatArray
+    least: float
+    most: float
+    richer: "SmoothContrast | None" = None
+
+    @property
+    def at_zero(self) -> ContrastAtZero:
+        """Contrast at frequency 0."""
+        err = float(np.sqrt(self.covariance[0, 0]))
+        if self.richer is not None:
+            err = hypot(err, _OTHER_SHARE * float(self.richer.terms[0] - self.terms[0]))
+        return ContrastAtZero(float(np.exp(self.terms[0])), err)
+
+    def crossing(self, level: float) -> tuple[float, float] | None:
+        """Where the contrast falls to a share of that at 0, in cy/px, with its standard error."""
+        known = self._crossing(level)
+        other = None if self.richer is None else self.richer._crossing(level)
+        if known is None or other is None:
+            return known
+        return known[0], hypot(known[1], _OTHER_SHARE * (other[0] - known[0]))
+
+    def _crossing(self, level: float) -> tuple[float, float] | None:
+        away = np.zeros(max(self.powers) + 1)
+        away[list(self.powers)] = self.terms
+        away[0] = -np.log(level)
+        inside = [
+            float(one.real)
+            for one in polyroots(away)
+            if abs(one.imag) < 1e-9 and self.least <= one.real <= self.most
+        ]
+        if not inside:
+            return None
+        found = min(inside)
+        moved = np.array([0.0 if power == 0 else found**power for power in self.powers])
+        err = float(np.sqrt(moved @ self.covariance @ moved))
+        return found, err / abs(float(polyval(found, polyder(away))))
+
+
+def _smooth_of(
+    freq: FloatArray, mean: FloatArray, errs: FloatArray, edge_mtf: EdgeMtf | None
+) -> SmoothContrast | None:
+    """Fit rings with the fewest terms than which no more are better by more than chance."""
+    if freq.size < _FEWEST_RINGS:
+        return None
+    zero = None if edge_mtf is None else _by_edges(freq, mean, errs, edge_mtf)
+    if zero is None and edge_mtf is not None:
+        return None
+    rings = freq, mean, errs
+    fits = [one for powers in _POWERS if (one := _fitted(powers, rings, zero)) is not None]
+    if not fits:
+        return None
+    excess = max(1.0, min(chi2 / (freq.size - len(fit.powers)) for fit, chi2 in fits))
+    chosen = 0
+    for number, (fit, chi2) in enumerate(fits):
+        best, least = fits[chosen]
+        if chi2 < least - _BETTER * excess * (len(fit.powers) - len(best.powers)):
+            chosen = number
+    best = fits[chosen][0]
+    richer = fits[chosen + 1][0] if chosen + 1 < len(fits) else None
+    return replace(best, covariance=best.covariance * excess, richer=richer)
+
+
+def _fitted(
+    powers: tuple[int, ...],
+    rings: tuple[FloatArray, FloatArray, FloatArray],
+    zero: ContrastAtZero | None,
+) -> tuple[SmoothContrast, float] | None:
+    """One polynomial, by Gauss and Newton, and its chi-squared; None if it does not converge.
+
+    The logarithm of noisy contrasts would be biased. ``zero`` counts as one more ring.
+    """
+    freq, mean, errs = rings
+    basis = freq[:, None] ** np.array(powers)
+    known, wanted = np.empty((0, len(powers))), np.empty(0)
+    if zero is not None:
+        known = np.eye(1, len(powers)) / zero.relative_err
+        wanted = np.array([np.log(zero.value) / zero.relative_err])
+    model = np.maximum(mean, _LEAST_CONTRAST)
+    terms = np.linalg.lstsq(basis * (model / errs)[:, None], np.log(model) * model / errs)[0]
+    for _ in range(_STEPS):
+        model = np.exp(np.minimum(basis @ terms, 1.0))
+        design = np.concatenate([basis * (model / errs)[:, None], known])
+        left = np.concatenate([(mean - model) / errs, wanted - known @ terms])
+        step = np.linalg.lstsq(design, left)[0]
+        terms = terms + step
+        if np.abs(design @ step).max() < _STEP_SIGMAS:
+            curve = SmoothContrast(
+                powers=powers,
+                terms=terms,
+                covariance=np.linalg.pinv(design.T @ design),
+                least=float(freq.min()),
+                most=float(freq.max()),
+            )
+            return curve, float(left @ left)
+    return None

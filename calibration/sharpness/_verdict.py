@@ -214,6 +214,9 @@ class SharpeningLimits(WrittenTable):
 
     max_overshoot: Share | None = Field(None, description="beyond the bright level")
     max_undershoot: Share | None = Field(None, description="beyond the dark level")
+    min_texture_over_edges: Share | None = Field(
+        None, description="contrast that dead leaves keep, over that of the edges"
+    )
 
 
 class CameraLimits(WrittenTable):
@@ -420,6 +423,7 @@ _FROM_FRAMES = "from darks and flats: give --dark and --flat"
 _MEASURED_FROM = {
     "sharpening.max_overshoot": "on edges with an e-SFR",
     "sharpening.max_undershoot": "on edges with an e-SFR",
+    "sharpening.min_texture_over_edges": "on dead leaves beside edges: give --leaves",
     "camera.min_neq_at_half_nyquist": "on linear photographs that show noise",
     "camera.min_information_bits_per_px": "on linear photographs that show noise",
     "camera.max_read_noise_e": _FROM_FRAMES,

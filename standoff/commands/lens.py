@@ -29,6 +29,7 @@ _POSITIONS = terminal.ListedNumbers(option="--focus-mm", least=-inf, may_repeat=
     terminal.needs("flat", "dark"),
     terminal.excludes("noise", "dark", "flat"),
     terminal.excludes("session", "focus_mm", because="the heights of a session count"),
+    terminal.excludes("session", "leaves", because="a session shows edges, darks and flats"),
     suffixes_last=True,
 )
 def lens(
@@ -51,6 +52,7 @@ def lens(
     focus_mm: Annotated[str | None, Option(metavar="MM,...")] = None,
     depth_contrast: Annotated[float, Option(metavar="C")] = 0.2,
     depth_freq_cy_per_px: Annotated[float, Option("--depth-frequency", metavar="CY/PX")] = 0.25,
+    leaves: Path | None = None,
     reading: terminal.Reading,
     pixel_pitch_um: terminal.PixelPitch = None,
     labels: terminal.Labels,
@@ -75,8 +77,10 @@ def lens(
     bayer: Bayer pattern of raw mosaics whose files do not state it.
     focus_mm: Focus position of each photograph in mm, in their order: five different ones at least,
         on both sides of the focus.
-    depth_contrast: Contrast that the depth of field is stated for.
+    depth_contrast: Contrast that the depth of focus (of heights: of field) is stated for.
     depth_freq_cy_per_px: Frequency of that contrast, in cycles per pixel.
+    leaves: Picture of the dead leaves target (spilled coins) that photographs show: texture is
+        measured beside edges.
     bench: Bench file (TOML) with these names (table labels) and the pixel pitch (table optics).
     limits: Limits for pass and fail (TOML); the exit status is 0 even if one fails.
     """
@@ -144,6 +148,11 @@ def _show(found: LensMeasurement, wrote: str) -> None:
             f"largest shift of {shift.colour} from green: {_cell(shift.shift_px, 3)} px at "
             f"({shift.x_px:.0f}, {shift.y_px:.0f})"
         )
+    for field in found.lateral_fields:
+        terminal.say(f"over the field, {field.sentence}")
+    for texture in found.textures:
+        half = _cell(texture.figures.mtf50_cy_per_px, 4) or "none"
+        terminal.say(f"dead leaves: MTF50 {half} cy/px. {texture.sentence}")
     if found.through_focus is not None:
         _show_focus(found.through_focus)
     capacity = found.capacity

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -26,20 +26,24 @@ from calibration.lens import (
     SharpeningFigures,
     StarFigures,
     StatedContrast,
+    TextureFigures,
     ThroughFocus,
     camera_figures,
     capacity_figures,
     colour_figures,
     data_sheet,
     figure_rows,
+    lateral_fields,
     lateral_shifts,
     star_figures,
+    texture_figures,
     through_focus,
 )
 from calibration.noise import EmvaSheet, NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration, edge_records, mosaic_plane
 from calibration.sharpness import Picture, read_limits, sharpening_of, with_sharpness
 from simulation.arguments import ArgumentError, checked
+from simulation.arrays import FloatArray
 from standoff.library.call import (
     Call,
     FilePath,
@@ -50,7 +54,7 @@ from standoff.library.call import (
     output_path,
     stored_noise,
 )
-from standoff.library.edges import EdgeSources, Reading, from_images, from_session
+from standoff.library.edges import EdgeSources, Reading, edge_image, from_images, from_session
 from standoff.library.noise import Frames, measure_noise
 from standoff.library.psf_calibration import calibrate_psf
 
@@ -162,7 +166,7 @@ class _FocusSeries:
             raise CalibrationError(
                 "no edge is sharpest between the first and the last focus position; photograph "
                 f"the same edges on both sides of the focus, at {_FEWEST_POSITIONS} positions or "
-                "more"
+                "more, in steps that neither blur edges away nor move them far"
             )
         nearest = min(focus_mm, key=lambda one: abs(one - found.best_mm.value))
         chosen = [
@@ -220,6 +224,7 @@ def measure_lens(
     focus_mm: Sequence[float] | None = None,
     depth_contrast: float = 0.2,
     depth_freq_cy_per_px: float = 0.25,
+    leaves: ImageLike | None = None,
     pixel_pitch_um: float | None = None,
     limits: FilePath | None = None,
     labels: Mapping[str, str] | None = None,
@@ -248,6 +253,9 @@ def measure_lens(
         heights count likewise.
     depth_contrast, depth_freq_cy_per_px
         Contrast, and its frequency, for which the depth of field is stated.
+    leaves
+        Picture of the dead leaves target (spilled coins) that photographs show beside edges, as its
+        maker hands it over or as it was printed: an array linear in light, or a file.
     region, bayer, pixel_pitch_um, limits, labels, bench, white_level
         As in ``calibrate_psf``; the operator is by default that of the session.
     report
@@ -308,26 +316,27 @@ def measure_lens(
     for remark in (*psf.notes, *known.notes):
         call.announce(remark)
     sources = given.sources(call)
-    (colours, edges), stars = _seen_again(given, psf, sources, call)
+    seen = _seen_again(given, psf, sources, _target_of(leaves, given, call), call)
     sharpening = sharpening_of(psf.edges_used)
-    capacity = _capacity_of(psf, known.of(given), call)
+    capacity = _capacity_of(psf, known.of(given), seen, call)
     focus = _FocusSeries.of_heights(psf, stated) if series is None else series.measured(psf)
     if bounds is not None and limits is not None:
-        figures = camera_figures(sharpening, capacity, known.calibration, known.sheet, focus)
+        figures = camera_figures(
+            sharpening, capacity, known.calibration, known.sheet, focus, seen.textures
+        )
         psf = psf.judged(bounds, on_one_line(limits), figures)
     lens = LensMeasurement(
         labels=psf.labels,
         picture_width_px=psf.picture_width_px,
         picture_height_px=psf.picture_height_px,
         pixel_pitch_um=psf.pixel_pitch_um,
-        colours=colours,
-        edges=edges,
+        **seen._asdict(),
         sharpening=None if sharpening is None else SharpeningFigures.of(sharpening),
         lateral_colour=lateral_shifts(psf.edges_used),
+        lateral_fields=lateral_fields(psf.edges_used, _picture(psf)),
         capacity=capacity,
         noise=known.calibration,
         emva=() if known.sheet is None else data_sheet(known.sheet),
-        stars=stars,
         through_focus=focus,
         verdict=psf.verdict,
         provenance=call.provenance(),
@@ -335,12 +344,13 @@ def measure_lens(
         noise_measurement=known.measurement,
         notes=call.notes,
     )
-    if page is not None:
-        _write_page(page, lens, sources)
+    _write_page(page, lens, sources)
     return lens
 
 
-def _write_page(page: Path, lens: LensMeasurement, sources: EdgeSources) -> None:
+def _write_page(page: Path | None, lens: LensMeasurement, sources: EdgeSources) -> None:
+    if page is None:
+        return
     from analysis.reports import lens_report  # loads what plots
 
     write_page(page, lens_report(lens, sources.load, sources.session).html())
@@ -389,9 +399,15 @@ def _noise_of(
 
 
 def _capacity_of(
-    psf: PsfCalibration, noise: NoiseCalibration | None, call: Call
+    psf: PsfCalibration, noise: NoiseCalibration | None, seen: "_Seen", call: Call
 ) -> CapacityFigures | None:
-    """Return quanta and information; of raw mosaics none."""
+    """Return quanta and information; none of raw mosaics, nor where texture is lost."""
+    if any(one.is_lost for one in seen.textures):
+        call.note(
+            "no noise-equivalent quanta: texture is lost that edges keep, as where noise was taken "
+            "away; give raw or linear files"
+        )
+        return None
     if psf.channels:
         call.note("no noise-equivalent quanta of raw mosaics: a colour has every second pixel")
         return None
@@ -401,15 +417,38 @@ def _capacity_of(
     return capacity
 
 
+def _target_of(leaves: ImageLike | None, given: _Photographs, call: Call) -> FloatArray | None:
+    """The picture of dead leaves, linear in light."""
+    if leaves is None:
+        return None
+    if isinstance(given.images, Session):
+        raise ArgumentError("a session is not searched for dead leaves", argument="leaves")
+    return edge_image(call.photograph(leaves, "leaves"), Reading()).image_dn
+
+
+class _Seen(NamedTuple):
+    """What photographs show beside the edges of the PSF."""
+
+    colours: tuple[ColourFigures, ...]
+    edges: tuple[EdgeOfColour, ...]
+    stars: tuple[StarFigures, ...]
+    textures: tuple[TextureFigures, ...]
+
+
 def _seen_again(
-    given: _Photographs, psf: PsfCalibration, sources: EdgeSources, call: Call
-) -> tuple[tuple[tuple[ColourFigures, ...], tuple[EdgeOfColour, ...]], tuple[StarFigures, ...]]:
-    """Return the figures of every colour, those of the PSF first, and stars of grey or luma.
+    given: _Photographs,
+    psf: PsfCalibration,
+    sources: EdgeSources,
+    target: FloatArray | None,
+    call: Call,
+) -> _Seen:
+    """Return the figures of every colour, those of the PSF first; targets of grey or luma.
 
     Every photograph is read once more, which ``sources`` needs to read it again by its name.
     """
     others: dict[Colour, list[EdgeMeasurement]] = {}
     stars: list[StarFigures] = []
+    textures: list[TextureFigures] = []
     main: Colour = "green" if psf.channels else "grey"
     selection = given.selection()
     with call.bar("measuring colours", sources.count) as advance_to:
@@ -418,6 +457,9 @@ def _seen_again(
                 used = [edge for edge in psf.edges_used if edge.image == image.name]
                 star = star_figures(image.name, image.image_dn, used)
                 stars += () if star is None else (star,)
+                if target is not None:
+                    texture = texture_figures(image.name, image.image_dn, target, used)
+                    textures += () if texture is None else (texture,)
             for colour, plane in _planes(image, sources.reading.pattern):
                 if psf.channels is None:
                     main = "luma"
@@ -427,7 +469,18 @@ def _seen_again(
             advance_to(done)
     by_colour: dict[Colour, Sequence[EdgeMeasurement]] = {main: psf.edges}
     by_colour |= {name: others[name] for name in _COLOURS if name in others}
-    return colour_figures(by_colour), tuple(stars)
+    if target is not None and not textures:
+        call.note(_no_leaves(sources))
+    return _Seen(*colour_figures(by_colour), tuple(stars), tuple(textures))
+
+
+def _no_leaves(sources: EdgeSources) -> str:
+    if sources.reading.pattern is not None:
+        return "raw mosaics are not searched for dead leaves"
+    return (
+        "no photograph shows the dead leaves of the picture given, 130 px or more on a side and in "
+        "focus"
+    )
 
 
 def _planes(image: EdgeImage, pattern: Pattern | None) -> Iterator[tuple[Colour, EdgeImage]]:

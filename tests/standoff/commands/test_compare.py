@@ -84,6 +84,48 @@ def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> 
     assert "the PSF has changed" in known["calibrations"][1]["change"]
 
 
+def test_a_drift_stands_in_the_document_and_on_the_page_as_a_control_chart(
+    command: Command, tmp_path: Path
+) -> None:
+    # The third time is 10:00 in UTC, the last states no offset; two calibrations have one time.
+    times = (
+        *("2025-01-02T03:04:05Z", "2025-02-02T03:04:05Z", "2025-03-02T12:00:00+02:00"),
+        *("2025-03-02T10:00:00Z", "2025-05-02T03:04:05Z", "2025-06-02T03:04:05"),
+    )
+    for number, time in enumerate(times):
+        for lens, grown in (("35 mm", 0.0), ("50 mm", 0.1 * (number > 2))):
+            psf_file(
+                tmp_path / f"{lens[:2]}-{number}.psf.json",
+                0.80 + grown,
+                captured_utc=time,
+                camera={"serial": "S9"},
+                labels={"lens": lens},
+            )
+    page = tmp_path / "history.html"
+    command.done("compare", "--history", tmp_path, "--report", page)
+    text = page.read_text()
+    assert "Camera S9, 35 mm" in text
+    assert "Control charts. Left:" in text
+    still, moved = json.loads(command("compare", "--history", tmp_path, "--json").out)["cameras"]
+    assert (still["serial"], still["lens"], moved["lens"]) == ("S9", "35 mm", "50 mm")
+    assert [one["captured_utc"][:16] for one in moved["calibrations"]][2:] == [
+        "2025-03-02T10:00", "2025-03-02T10:00", "2025-05-02T03:04", "2025-06-02T03:04",
+    ]  # fmt: skip
+    assert all(chart["drift"] is None for chart in still["control_charts"])
+    [drift] = [one["drift"] for one in moved["control_charts"] if one["parameter"] == "sigma_x_px"]
+    assert drift["change"] == pytest.approx(0.1, abs=3 * drift["change_err"])
+    assert drift["before_utc"][:10] == "2025-03-02"
+
+
+def test_a_time_that_is_none_is_refused_by_name(command: Command, tmp_path: Path) -> None:
+    odd = psf_file(tmp_path / "odd.json", 0.80)
+    document = json.loads(odd.read_text())
+    odd.write_text(json.dumps(document | {"captured_utc": "last spring"}))
+    err = command.refused(1, "compare", "--history", odd, odd)
+    assert "odd.json" in err
+    assert "expected a time in ISO 8601, got 'last spring'" in err
+
+
 def test_a_folder_without_calibrations_is_named(command: Command, tmp_path: Path) -> None:
     assert f"no psf.json in {tmp_path}" in command.refused(1, "compare", "--history", tmp_path)
 

@@ -9,7 +9,10 @@ import pytest
 import tifffile
 
 import standoff
+from benchmarks.studies.siemens_star import edges_beside
+from benchmarks.truth.dead_leaves import Print, dead_leaves, photograph
 from benchmarks.truth.focus_scenes import FocusedLens, chart, squares
+from benchmarks.truth.siemens_stars import Star
 from calibration.errors import CalibrationError
 from standoff.errors import ArgumentError
 from tests.analysis.html_page import Page
@@ -334,3 +337,84 @@ def test_the_heights_of_a_session_tell_the_distance_of_best_focus(
 def test_a_session_whose_focus_does_not_change_has_none(command: Command, tmp_path: Path) -> None:
     session = command.captured(tmp_path, SMALL_BENCH, HEIGHTS)
     assert standoff.measure_lens(standoff.Session(session)).through_focus is None
+
+
+def targets_file(path: Path, light_dn: np.ndarray) -> Path:
+    """A photograph of a target with squares beside it, as 16-bit TIFF."""
+    both = edges_beside(light_dn, 0.7)
+    noisy = both + np.random.default_rng(66).normal(0, 30.0, both.shape)
+    tifffile.imwrite(path, np.round(10 * noisy).astype(np.uint16))
+    return path
+
+
+def rows_of(path: Path, part: str) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as table:
+        return [row for row in csv.DictReader(table) if row["part"] == part]
+
+
+@pytest.mark.slow
+def test_a_star_stands_in_the_document_the_table_and_the_page(
+    command: Command, tmp_path: Path
+) -> None:
+    star = Star(x_px=205.4, y_px=196.2, cycles=48, radius_px=180.0)
+    seen = targets_file(tmp_path / "star.tif", star.photograph((390, 410), 0.7))
+    command.done("lens", seen, "--out", tmp_path / "lens.html")
+    document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
+    [found] = document["stars"]
+    assert (found["cycles"], found["scaled_by"], len(found["sectors"])) == (48, "edges", 8)
+    half = found["figures"]["mtf50_cy_per_px"]
+    assert half["value"] == pytest.approx(0.2468, rel=0.01)
+    assert found["mtf50_over_edges"]["value"] == pytest.approx(1.0, abs=0.02)
+    whole = {(row["figure"], row["unit"]): row for row in rows_of(tmp_path / "lens.csv", "star")}
+    assert float(whole["mtf50", "cy/px"]["value"]) == half["value"]
+    assert float(whole["mtf50", "LW/PH"]["value"]) == pytest.approx(2 * 390 * half["value"])
+    sectors = [row for row in rows_of(tmp_path / "lens.csv", "star_sector")
+               if (row["figure"], row["unit"]) == ("mtf50", "cy/px")]  # fmt: skip
+    assert [float(row["angle_deg"]) for row in sectors] == [22.5 + 45 * k for k in range(8)]
+    page = Page((tmp_path / "lens.html").read_text("utf-8"))
+    assert "Siemens stars" in page.headings
+    assert "Texture (dead leaves)" not in page.headings
+
+
+@pytest.mark.slow
+def test_dead_leaves_stand_in_the_document_the_table_and_the_page(
+    command: Command, tmp_path: Path
+) -> None:
+    target = dead_leaves(np.random.default_rng(7), 600, (3.0, 100.0))
+    tifffile.imwrite(tmp_path / "target.tif", np.round(60000 * target).astype(np.uint16))
+    printed = Print(x_px=21.3, y_px=15.8, scale=0.6)
+    light = 3000 * photograph(target, printed, (390, 400), (0.7, 0.7))
+    seen = targets_file(tmp_path / "leaves.tif", light)
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[sharpening]\nmin_texture_over_edges = 0.9\n")
+    done = command.done(
+        *("lens", seen, "--leaves", tmp_path / "target.tif", "--limits", limits),
+        *("--out", tmp_path / "lens.html"),
+    )
+    assert "No sign that texture is lost" in " ".join(done.out.split())
+    document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
+    [found] = document["textures"]
+    half = found["figures"]["mtf50_cy_per_px"]
+    assert half["value"] == pytest.approx(0.2468, rel=0.01)
+    assert found["over_edges"]["value"] == pytest.approx(1.0, abs=0.02)
+    assert not found["is_lost"]
+    assert document["verdict"]["outcome"] == "pass"
+    listed = [Path(one["path"]).name for one in document["provenance"]["inputs"]]
+    assert "target.tif" in listed
+    figures = {
+        (row["figure"], row["unit"]): row for row in rows_of(tmp_path / "lens.csv", "texture")
+    }
+    assert float(figures["mtf50", "cy/px"]["value"]) == half["value"]
+    assert float(figures["texture_over_edges", "1"]["value"]) == found["over_edges"]["value"]
+    assert rows_of(tmp_path / "lens.csv", "texture_direct")
+    page = Page((tmp_path / "lens.html").read_text("utf-8"))
+    assert "Texture (dead leaves)" in page.headings
+    assert "Siemens stars" not in page.headings
+
+
+@pytest.mark.slow
+def test_leaves_that_no_photograph_shows_are_said_to_be_missing(edge_file: Path) -> None:
+    target = dead_leaves(np.random.default_rng(7), 200, (3.0, 60.0))
+    limited = standoff.measure_lens(edge_file, leaves=3000 * target)
+    assert limited.textures == ()
+    assert any("no photograph shows the dead leaves" in note for note in limited.notes)

@@ -144,6 +144,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("--pixel-pitch-um 0", "pixel_pitch_um"),
     ),
     "lens --session session --out lens.html": (
+        ("--leaves target.png", "a session shows edges, darks and flats"),
         ("--dark d --flat f", "a session has its own"),
         ("--bayer RGGB", "captures are linear and grey"),
     ),
