@@ -25,7 +25,8 @@ from benchmarks.peers.zoom_outs import HAS_PYBSM, pybsm
 from benchmarks.studies.changes import bench_of
 from benchmarks.truth.lenses import gaussian
 from hil_mocks.truth import BenchTruth, CameraPose
-from hil_mocks.truth.scenes import Placed, SumOfScenes, ZonePlate, scene_of
+from hil_mocks.truth.scenes import Placed, SumOfScenes, ZonePlate
+from hil_mocks.truth.targets import scene_of
 from simulation import PoseOptions, simulate_pose_of_image
 from simulation.arrays import Float32Array, FloatArray
 from tests.analysis.changed_scenes import EXPOSURE_US, NEAR_MM, bench_noise, bench_psf, far_pose

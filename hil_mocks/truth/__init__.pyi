@@ -18,11 +18,10 @@ from .render import (
 )
 from .scenes import (
     PHOTOGRAPHS as PHOTOGRAPHS,
-    TARGETS as TARGETS,
     Edge as Edge,
     Placed as Placed,
     SumOfScenes as SumOfScenes,
     ZonePlate as ZonePlate,
     luma as luma,
-    scene_of as scene_of,
 )
+from .targets import TARGETS as TARGETS, scene_of as scene_of

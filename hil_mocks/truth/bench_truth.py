@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
 from acquisition.errors import BenchConfigError
+from hil_mocks.truth.relief import SeenRelief
 from hil_mocks.truth.render import (
     PIXEL_VARIANCE_PX2,
     CameraPose,
@@ -17,7 +18,8 @@ from hil_mocks.truth.render import (
     Renderer,
     Sensor,
 )
-from hil_mocks.truth.scenes import TARGETS, Placed, scene_of
+from hil_mocks.truth.scenes import Placed
+from hil_mocks.truth.targets import TARGETS, scene_of
 
 VIEWS_KEPT = 8
 _TRUTH_STEP_PX = 5
@@ -171,6 +173,23 @@ class BenchTruth:
             & (true_y < pose.reference_shape[0] - 1 - _BORDER_PX)
         )
         return np.asarray(np.hypot(found_x - true_x, found_y - true_y)[shown])
+
+    def seen_height_mm(
+        self, target: str, orientation_deg: float, pose: CameraPose
+    ) -> NDArray[np.float64]:
+        """Height above the plane of what each pixel's centre sees, shape (rows, cols).
+
+        0 of a flat target, NaN of the walls of things that stand on one.
+        """
+        x_px = np.arange(self.camera.width_px, dtype=np.float64)[None, :]
+        y_px = np.arange(self.camera.height_px, dtype=np.float64)[:, None]
+        placed = Placed(scene=scene_of(target), angle_deg=orientation_deg).seen_from(
+            pose.offset_x_mm, pose.offset_y_mm, self.camera.distance_mm(pose.height_mm)
+        )
+        x_mm, y_mm = placed.own_mm(*self.camera.to_plane_mm(x_px, y_px, pose))
+        if not isinstance(placed.scene, SeenRelief):
+            return np.zeros(np.broadcast_shapes(x_mm.shape, y_mm.shape))
+        return placed.scene.height_mm(x_mm, y_mm)
 
     def irradiance(
         self, target: str, orientation_deg: float, pose: CameraPose

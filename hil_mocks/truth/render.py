@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from hil_mocks.truth._images import FoldedSpectrum
-from hil_mocks.truth.scenes import Scene
+from hil_mocks.truth.scenes import Scene, SceneWithRelief
 
 Coordinates = NDArray[np.float64]
 
@@ -450,6 +450,8 @@ class Renderer:
                 f"{half_view_deg:.1f} degrees further, and the limit is {STEEPEST_VIEW_DEG:g}"
             )
         distance_mm = self.camera.distance_mm(pose.height_mm)
+        if isinstance(scene, SceneWithRelief):
+            scene = scene.seen_from(pose.offset_x_mm, pose.offset_y_mm, distance_mm)
         defocus_px2 = self.lens.defocus_variance_px2(distance_mm)
         lens_px2 = self.lens.in_focus_covariance_px2
         smallest_px2 = float(np.linalg.eigvalsh(lens_px2)[0]) + defocus_px2

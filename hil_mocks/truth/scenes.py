@@ -1,17 +1,16 @@
-"""Flat scenes in millimetres whose Gaussian blur has a closed form, and the catalogue of targets.
+"""Flat scenes in millimetres whose Gaussian blur has a closed form.
 
 Plane coordinates follow the image of an upright camera: x to the right, y down, the origin
 where the unmoved optical axis meets the plane. Reflectance 1 is white paper.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from importlib.resources import as_file, files
 from math import cos, radians, sin
-from typing import Literal, Protocol
+from typing import Protocol, runtime_checkable
 
-import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
@@ -42,6 +41,15 @@ class Scene(Protocol):
 
         Of plane coordinates of any shape, the same for both; 1 is white paper.
         """
+        ...
+
+
+@runtime_checkable
+class SceneWithRelief(Scene, Protocol):
+    """A scene that looks different from elsewhere."""
+
+    def seen_from(self, x_mm: float, y_mm: float, distance_mm: float) -> Scene:
+        """What a pupil at that distance above the plane sees, as a picture on the plane."""
         ...
 
 
@@ -168,9 +176,22 @@ class Placed:
 
     def reflectance(self, x_mm: Coordinates, y_mm: Coordinates, sigma_mm: float) -> Reflectance:
         """See `Scene.reflectance`."""
+        return self.scene.reflectance(*self.own_mm(x_mm, y_mm), sigma_mm)
+
+    def seen_from(self, x_mm: float, y_mm: float, distance_mm: float) -> "Placed":
+        """See `SceneWithRelief`; a flat scene looks the same from everywhere."""
+        if not isinstance(self.scene, SceneWithRelief):
+            return self
+        x, y = (float(at) for at in self.own_mm(np.asarray(x_mm), np.asarray(y_mm)))
+        return replace(self, scene=self.scene.seen_from(x, y, distance_mm))
+
+    def own_mm(
+        self, x_mm: Coordinates, y_mm: Coordinates
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Places in the scene's own coordinates."""
         c, s = cos(radians(self.angle_deg)), sin(radians(self.angle_deg))
         x, y = x_mm - self.x_mm, y_mm - self.y_mm
-        return self.scene.reflectance(c * x + s * y, c * y - s * x, sigma_mm)
+        return c * x + s * y, c * y - s * x
 
 
 class SumOfScenes:
@@ -301,7 +322,7 @@ def _reflected(tile: NDArray[np.float32], own_sigma: float = 0.0) -> PeriodicIma
     return PeriodicImage(np.pad(tile, around, mode="symmetric"), own_sigma)
 
 
-def _print_lesion() -> _LayeredPrint:
+def print_lesion() -> _LayeredPrint:
     """A pigmented skin lesion of about 45 mm x 35 mm: border, network, globules, skin lines."""
     rng = np.random.default_rng(LESION_SEED)
     size = LESION_SAMPLES
@@ -349,145 +370,3 @@ def _hairs(rng: np.random.Generator, size: int) -> NDArray[np.float32]:
             distance2 = (rows - y)[:, None] ** 2 + (cols - x)[None, :] ** 2
             depth[np.ix_(rows, cols)] += np.exp(-distance2 / 2)
     return np.asarray(0.12 * depth)
-
-
-TargetKind = Literal["edge", "texture", "chart", "board", "flat", "dark"]
-
-BOARD_COLS, BOARD_ROWS = 11, 8
-BOARD_SQUARE_MM = 12.0
-CELLS_PER_SQUARE = 8
-"""A square is 8 cells wide and its marker 6: 4 bits and a border cell on each side."""
-
-CHART_PITCH_MM = 36.0
-CHART_SQUARE_MM = 18.0
-CHART_SLANT_DEG = 5.0
-"""Slant of the edges, as in ISO 12233:2017 (about 5 degrees)."""
-
-CHART_GROUND = 0.6
-
-
-TABLET_STEPS = 5
-TABLET_STEP_MM = 24.0
-TABLET_DENSITY = 4.0
-"""Optical density of the darkest step: 1 : 10,000. Step tablets of films go that far, prints do not
-(ISO 15739 measures the dynamic range of cameras with such a chart)."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Target:
-    """A target: its kind in a capture plan, and a function that makes its scene."""
-
-    kind: TargetKind
-    description: str
-    make: Callable[[], Scene]
-
-
-def _charuco_board() -> CellGrid:
-    """A ChArUco board of 11 x 8 squares of 12 mm with markers of 9 mm (DICT_4X4_50).
-
-    Laid out as OpenCV's `cv2.aruco.CharucoBoard`: the top left square is black, and markers
-    fill the white squares row by row.
-    """
-    n = CELLS_PER_SQUARE
-    cells = np.full((BOARD_ROWS * n, BOARD_COLS * n), WHITE_PAPER)
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    marker_id = 0
-    for row in range(BOARD_ROWS):
-        for col in range(BOARD_COLS):
-            square = cells[row * n : (row + 1) * n, col * n : (col + 1) * n]
-            if (row + col) % 2 == 0:
-                square[...] = BLACK_PAPER
-                continue
-            bits = cv2.aruco.generateImageMarker(dictionary, marker_id, n - 2)
-            square[1:-1, 1:-1] = np.where(bits > 0, WHITE_PAPER, BLACK_PAPER)
-            marker_id += 1
-    return CellGrid(cells=cells, cell_mm=BOARD_SQUARE_MM / n)
-
-
-def _step_tablet() -> CellGrid:
-    """A transparent step tablet on a light box: 25 steps from 1 to 1/10,000 in an opaque frame.
-
-    The light box is as bright as white paper. Densities grow row by row, and every other row from
-    right to left, so that neighbours in a row differ by a factor of 1.5.
-    """
-    density = np.linspace(0.0, TABLET_DENSITY, TABLET_STEPS**2).reshape(TABLET_STEPS, -1)
-    density[1::2] = density[1::2, ::-1]
-    dark = 10.0**-TABLET_DENSITY
-    return CellGrid(cells=10.0**-density, cell_mm=TABLET_STEP_MM, margin=dark)
-
-
-def _resolution_chart() -> SumOfScenes:
-    """Slanted dark squares all over the frame, with zone plates and bars between them.
-
-    The squares give edges for a map of sharpness over the field (as in the e-SFR of ISO 12233),
-    the zone plates show aliasing in all directions up to 3 cycles/mm, and the bars are those of a
-    classical resolution target.
-    """
-    parts: list[tuple[Placed, float]] = []
-    square = Rectangle(
-        width_mm=CHART_SQUARE_MM, height_mm=CHART_SQUARE_MM, contrast=BLACK_PAPER - CHART_GROUND
-    )
-    plate = ZonePlate(amplitude=0.36, window_mm=4.0, freq_cy_per_mm=1.1)
-    for row in range(-6, 7):
-        for col in range(-8, 9):
-            x_mm, y_mm = col * CHART_PITCH_MM, row * CHART_PITCH_MM
-            slant_deg = CHART_SLANT_DEG * (1 if (row + col) % 2 else -1)
-            parts.append(
-                (
-                    Placed(scene=square, x_mm=x_mm, y_mm=y_mm, angle_deg=slant_deg),
-                    CHART_SQUARE_MM,
-                )
-            )
-            middle_mm = (x_mm + CHART_PITCH_MM / 2, y_mm + CHART_PITCH_MM / 2)
-            if (row + col) % 2:
-                parts.append((Placed(scene=plate, x_mm=middle_mm[0], y_mm=middle_mm[1]), 21.0))
-            else:
-                parts += _bars(*middle_mm)
-    return SumOfScenes(Uniform(level=CHART_GROUND), parts)
-
-
-def _bars(x_mm: float, y_mm: float) -> list[tuple[Placed, float]]:
-    """Four groups of five dark bars of 0.5, 1, 1.5 and 2 line pairs per mm."""
-    bars: list[tuple[Placed, float]] = []
-    for group, pairs_per_mm in enumerate((0.5, 1.0, 1.5, 2.0)):
-        period_mm = 1 / pairs_per_mm
-        bar = Rectangle(width_mm=period_mm / 2, height_mm=3.0, contrast=BLACK_PAPER - CHART_GROUND)
-        bars += [
-            (Placed(scene=bar, x_mm=x_mm + k * period_mm, y_mm=y_mm + 4.0 * (group - 1.5)), 3.0)
-            for k in range(-2, 3)
-        ]
-    return bars
-
-
-TARGETS: dict[str, _Target] = {
-    "edge": _Target(kind="edge", description="black paper on white paper", make=Edge),
-    **{
-        name: _Target(
-            kind="texture",
-            description=f"print of the photograph {name}",
-            make=partial(print_photograph, name),
-        )
-        for name in PHOTOGRAPHS
-    },
-    "lesion": _Target(kind="texture", description="print of a skin lesion", make=_print_lesion),
-    "chart": _Target(
-        kind="chart", description="slanted squares and zone plates", make=_resolution_chart
-    ),
-    "board": _Target(kind="board", description="ChArUco board", make=_charuco_board),
-    "step tablet": _Target(
-        kind="chart", description="steps of light from 1 to 1/10,000", make=_step_tablet
-    ),
-    "flat": _Target(kind="flat", description="white paper", make=Uniform),
-    "dark": _Target(kind="dark", description="lens cap", make=partial(Uniform, level=0.0)),
-}
-"""Target names of the simulated bench."""
-
-
-@cache
-def scene_of(target: str) -> Scene:
-    """The scene of a target, made once; ValueError, which lists them, if there is none."""
-    if target not in TARGETS:
-        raise ValueError(
-            f"no target {target!r} on the simulated bench; it has {', '.join(TARGETS)}"
-        )
-    return TARGETS[target].make()

@@ -6,7 +6,8 @@ import numpy as np
 
 from hil_mocks.truth.bench_truth import BenchTruth
 from hil_mocks.truth.render import CameraPose
-from hil_mocks.truth.scenes import Placed, SumOfScenes, ZonePlate, scene_of
+from hil_mocks.truth.scenes import Placed, SumOfScenes, ZonePlate
+from hil_mocks.truth.targets import scene_of
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise

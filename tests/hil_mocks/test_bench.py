@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from acquisition.bench import load_bench
 from acquisition.errors import BenchConfigError
 from hil_mocks import CameraPose, SimulatedBench
-from hil_mocks.truth.scenes import BOARD_COLS, BOARD_ROWS, BOARD_SQUARE_MM
+from hil_mocks.truth.targets import BOARD_COLS, BOARD_ROWS, BOARD_SQUARE_MM
 from tests.hil_mocks.benches import bench_config, homed_bench
 
 CONFIGS = Path(__file__).parents[2] / "configs"

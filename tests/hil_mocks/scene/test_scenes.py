@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 
 from hil_mocks.truth.scenes import (
-    TARGETS,
     CellGrid,
     Edge,
     Placed,
@@ -15,8 +14,8 @@ from hil_mocks.truth.scenes import (
     Uniform,
     ZonePlate,
     gaussian_step,
-    scene_of,
 )
+from hil_mocks.truth.targets import TARGETS, scene_of
 
 X_MM, Y_MM = np.random.default_rng(3).uniform(-4, 4, size=(2, 40))
 
