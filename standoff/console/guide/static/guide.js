@@ -59,6 +59,7 @@ function show({ found, fault: text, lost }) {
   $("verdict-word").textContent = WORDS[found.verdict];
   $("verdict-words").textContent = found.words;
   $("remedy").textContent = found.arrows.length ? found.faults.join("; ") : found.remedy;
+  if (found.judged_by) $("judged-by").textContent = found.judged_by;
   const wanted = found.verdict === "go" ? [] : found.arrows;
   $("arrows").replaceChildren(...wanted.map(({ name, words }) => {
     const item = document.createElement("li");
