@@ -97,6 +97,11 @@ export class Camera {
     return this.guidance ? performance.now() - this.takenMs : Infinity;
   }
 
+  // Young enough for a green to begin, which then lasts a third of a second at the least.
+  get isFresh() {
+    return this.ageMs <= LATE_MS;
+  }
+
   get isLate() {
     return this.ageMs > LATE_MS + 1000 / 3;
   }

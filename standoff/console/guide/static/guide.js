@@ -49,8 +49,13 @@ function say(found) {
 function show({ found, fault: text, lost }) {
   if (text !== undefined) fault(text);
   if (lost) fault("The link to the computer is lost; this page keeps trying.");
-  if (!found || (found.verdict === "go" && camera.isLate)) {
+  if (!found) {
     unknown("Waiting for the computer.");
+    return;
+  }
+  // A green that could not last would flicker.
+  if (found.verdict === "go" && (wasGood ? camera.isLate : !camera.isFresh)) {
+    unknown("It was good a moment ago, but the computer answers late: hold still.");
     return;
   }
   fault("");
@@ -74,7 +79,7 @@ function show({ found, fault: text, lost }) {
 
 // Nothing is known of where the camera stands now: nothing that was said of it stays.
 function unknown(words) {
-  if (isUnknown) return;
+  if (isUnknown && $("verdict-words").textContent === words) return;
   isUnknown = true;
   wasGood = false;
   $("verdict").className = "verdict no";
@@ -362,6 +367,7 @@ function told() {
 }
 
 $("use-camera").addEventListener("click", openCamera);
+for (const id of ["use-camera", "photograph"]) $(id).disabled = false;
 $("end-camera").addEventListener("click", closeCamera);
 $("shutter").addEventListener("click", shoot);
 $("photograph").addEventListener("change", async ({ target: input }) => {
