@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from threading import Thread
 
@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.errors import ApplicationError
-from analysis.pose import PoseFollower
+from analysis.pose import PoseFollower, RadialTerm, straightened
 from calibration.errors import RegistrationError
 from simulation.arrays import FloatArray
 from simulation.pose import project
-from standoff.console.guide._assessment import Assessment, Judge, is_steady
+from standoff.console.guide._assessment import UNSURE_UP_TO, Assessment, Judge, is_steady
 from standoff.console.guide._own_psf import FineFrame, FrameCurve, OwnPsf
 from standoff.console.guide._reference import FRAME_PX
 from standoff.console.photographs import JpegError, jpeg_size
@@ -70,10 +70,11 @@ class _Phone:
     """What is kept of one phone: who follows it, its newest frame's number, when its last pose was.
 
     Each is followed by itself: what another one shows takes no pose from it. ``own`` is of the
-    approach that it is on, ``heard_s`` when its newest frame was taken.
+    approach that it is on, as ``lens``; ``heard_s`` is when its newest frame was taken.
     """
 
     own: OwnPsf
+    lens: RadialTerm = field(default_factory=RadialTerm)
     heard_s: float = -inf
     follower: PoseFollower | None = None
     newest: int = 0
@@ -133,7 +134,7 @@ class LiveGuidance:
         levels = decoded_frame(data)
         now_s = self._clock() if taken_s is None else taken_s
         if not 0 <= now_s - known.heard_s < _APPROACH_S:  # what it showed before may be long ago
-            known.own = OwnPsf(self._judge.reference)
+            known.own, known.lens = OwnPsf(self._judge.reference), RadialTerm()
         known.heard_s = now_s
         before, known.before = known.before, None
         follower = known.follower = known.follower or self._new_follower()
@@ -144,14 +145,18 @@ class LiveGuidance:
             return self._judge.lost()
         if found.pose is None:
             return self._judge.lost()
-        now = now_s, found.pose.matrix
+        rows, cols = levels.shape
+        matrix = known.lens.without(found.pose, (rows, cols))
+        now = now_s, matrix
         motion = _motion(before, now, levels.shape)
         judge = self._judge.by_frames(known.own.found)
-        assessed = judge.judged(levels, found.pose.matrix, motion=motion)
+        assessed = judge.judged(straightened(levels, known.lens.k1), matrix, motion=motion)
         if assessed.deviation is None:
             follower.reset()
             return assessed
         known.before = now
+        if assessed.deviation.largest_cost <= UNSURE_UP_TO:
+            known.lens.add(found.pose, (rows, cols))
         if judge.has_curve or not is_steady(motion):
             return assessed
         own, zoom = known.own, found.pose.zoom

@@ -27,7 +27,7 @@ from calibration.psf import PsfCalibration
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from standoff.console.guide._reference import FRAME_PX, GuideReference, scaled_matrix
-from standoff.library.detectability import known_errors
+from standoff.library import known_errors
 
 ByteImage = NDArray[np.uint8]
 

@@ -23,7 +23,7 @@ from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.changes import Change, ChangeSummary, describe_focus, describe_limit
-from analysis.pose import PoseFollower, Verdict
+from analysis.pose import PoseFollower, RadialTerm, Verdict, straightened
 from analysis.reports import compared_pictures
 from standoff.console.guide._assessment import Assessment, Judge
 from standoff.console.guide._reference import UprightView, upright
@@ -346,7 +346,12 @@ class StillStore:
         found = self._follower.update(view.levels)
         if found.pose is None:
             return judge.lost()
-        return judge.judged(view.levels, found.pose.matrix, full_size=view.size, level=view.level)
+        rows, cols = view.levels.shape
+        lens = RadialTerm()
+        lens.add(found.pose, (rows, cols))
+        matrix = lens.without(found.pose, (rows, cols))
+        levels = straightened(view.levels, lens.k1)
+        return judge.judged(levels, matrix, full_size=view.size, level=view.level)
 
     def _compared(self, session: Path, record: StillRecord) -> StillRecord:
         """Look for changes, and write them into the session."""

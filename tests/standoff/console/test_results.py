@@ -19,6 +19,7 @@ from standoff.console.jobs import Job
 from standoff.console.result_jobs import (
     CommandProgress,
     ResultJobs,
+    ResultProgress,
     ResultRequest,
     run_command,
 )
@@ -328,7 +329,8 @@ def test_several_pairs_are_compared_one_after_the_other_and_one_may_fail(importe
     assert "it does not overlap" in jobs.view.message
     with pytest.raises(ApplicationError, match="does not overlap"):
         jobs.work_through(Job("changes"), requests[:1])
-    assert jobs.view.state == "failed"
+    view: ResultProgress = jobs.view
+    assert view.state == "failed"
 
 
 def test_a_calibration_is_compared_with_the_last_one_of_the_same_camera_and_lens(

@@ -38,6 +38,7 @@ def hub(tmp_path: Path) -> Iterator[ConsoleHub]:
 
 
 def send(page: Page, *files: Path) -> None:
+    page.wait_for_selector("#files:enabled", state="attached")
     before = page.locator("#sending li >> text=arrived").count()
     page.set_input_files("#files", files)
     wait_until(

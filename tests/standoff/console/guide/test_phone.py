@@ -57,7 +57,7 @@ def opened(browser: Browser, guide: ServedGuide, **options: Any) -> Iterator[Pag
         page.set_default_timeout(1e3 * DEADLINE_S)
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.goto(guide.entry)
-        page.wait_for_selector("#start")
+        page.wait_for_selector("#use-camera:enabled")
         yield page
     finally:
         context.close()
