@@ -226,6 +226,11 @@ class Session:
         """The resolved bench config, as a JSON object."""
         return self.manifest.bench
 
+    def known_height_mm(self, record: CaptureRecord) -> float | None:
+        """Height of a capture in mm; None for the 0 of an imported photograph: not known."""
+        is_known = bool(self.bench) or record.height_mm != 0
+        return record.height_mm if is_known else None
+
     @property
     def devices(self) -> Mapping[str, Mapping[str, Any]]:
         """State of ``camera`` and ``stage`` when the session was made, as read from them."""

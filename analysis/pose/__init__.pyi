@@ -36,6 +36,7 @@ from ._quality import (
     read_pose_series as read_pose_series,
     verdict_of as verdict_of,
 )
+from ._radial import RadialTerm as RadialTerm, straightened as straightened
 from ._tracker import (
     FollowedPose as FollowedPose,
     PoseFollower as PoseFollower,

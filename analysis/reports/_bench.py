@@ -116,8 +116,10 @@ def captures_section(session: Session) -> ReportSection:
                 "kind": lambda one: one.record.kind,
                 "target": lambda one: one.record.target,
                 "orientation / deg": lambda one: f"{one.record.orientation_deg:g}",
-                "requested / mm": lambda one: f"{one.record.height_asked_mm:.3f}",
-                "height / mm": lambda one: f"{one.record.height_mm:.3f}",
+                "requested / mm": lambda one: (
+                    f"{one.record.height_asked_mm:.3f}" if session.bench else ""
+                ),
+                "height / mm": lambda one: number_text(session.known_height_mm(one.record), ".3f"),
                 "frames": lambda one: str(one.record.frames_used),
                 "lost": lambda one: str(one.record.incomplete_frames),
                 "saturated": lambda one: str(one.record.saturated_pixels),

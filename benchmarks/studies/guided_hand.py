@@ -176,9 +176,13 @@ def through_lens(levels: NDArray[np.uint8], k1: float, zoom: float) -> NDArray[n
 
 
 def misled(reference: GuideReference, frame: NDArray[np.uint8]) -> dict[str, float]:
-    """What is said of a frame that was taken from the reference's own pose by another lens."""
+    """What is said of a frame that was taken from the reference's own pose by another lens.
+
+    It is the second of its kind: the first one tells the lens.
+    """
     live = LiveGuidance(Judge(reference))
-    found = live.look(frame_of(frame)).deviation
+    live.look(frame_of(frame), taken_s=0.0)
+    found = live.look(frame_of(frame), taken_s=0.2).deviation
     if found is None:
         return dict.fromkeys(("distance", "aim", "tilt", "turn"), inf)
     return {str(name): cost for name, cost in found.costs.items()}

@@ -22,6 +22,8 @@ WALL_DN = 150.0
 EXPOSURE_S = 1 / 60
 _SUBEXPOSURES = 4
 _NOISE_DN = 2.0
+_FINE_NOISE_DN = 1.0
+_FINER = 4
 _MARGIN = 1.1
 """Width of the picture over that of the field of view of the reference."""
 
@@ -78,6 +80,23 @@ class Wall:
         noisy = gaussian_filter(mean, 0.5) + _NOISE_DN * rng.standard_normal(mean.shape)
         return np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8)
 
+    def through(
+        self, pose: HeldPose, sigma_px: float, rng: np.random.Generator
+    ) -> NDArray[np.uint8]:
+        """Return a frame through a lens whose total PSF is a Gaussian of this width.
+
+        It is blurred in light, on a grid four times as fine, and encoded as sRGB afterwards.
+        """
+        width, height = self.size
+        fine = self.resized((_FINER * width, _FINER * height))
+        seen = gaussian_filter(_light(fine._view(pose) / 255), _FINER * sigma_px)
+        # A pixel's centre lies between the two middle samples along each axis.
+        middle = slice(_FINER // 2 - 1, _FINER // 2 + 1)
+        parts = seen.reshape(height, _FINER, width, _FINER)[:, middle, :, middle]
+        encoded = 255 * _encoded(parts.mean(axis=(1, 3)))
+        noisy = encoded + _FINE_NOISE_DN * rng.standard_normal(encoded.shape)
+        return np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8)
+
     def errors(self, pose: HeldPose) -> PoseErrors:
         """Work out how far a pose is from the reference's."""
         axis = pose.axes[:, 2]
@@ -105,6 +124,15 @@ class Wall:
         places = [at_y * scale + (rows - 1) / 2, at_x * scale + (cols - 1) / 2]
         beyond = [np.nan_to_num(place, nan=-1e6) for place in places]
         return np.asarray(map_coordinates(self.levels, beyond, order=1, cval=WALL_DN))
+
+
+def _light(encoded: Image) -> Image:
+    """IEC 61966-2-1, from 0 to 1."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def _encoded(light: Image) -> Image:
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -53,13 +53,16 @@ _CLIPPED_PERCENT = 0.1
 class TrackedPose:
     """Pose of a frame in the reference, pixel centres to pixel centres.
 
-    The zoom is in reference px per frame px at the centre; ``rms_px`` of corners that agree.
+    The zoom is in reference px per frame px at the centre; ``rms_px`` of corners that agree, which
+    are at ``frame_px`` and ``reference_px``, shape (n, 2).
     """
 
     matrix: FloatArray = field(repr=False)
     zoom: float
     inlier_count: int
     rms_px: float
+    frame_px: FloatArray = field(repr=False)
+    reference_px: FloatArray = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,6 +194,8 @@ def _fitted(tracked: FloatArray, corners: FloatArray, shape: tuple[int, int]) ->
         zoom=zoom,
         inlier_count=count,
         rms_px=float(np.sqrt(np.mean(np.sum(rest**2, axis=1)))),
+        frame_px=tracked[inlier],
+        reference_px=corners[inlier],
     )
 
 

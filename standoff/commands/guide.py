@@ -62,9 +62,9 @@ def guide(
     psf: psf.json of the phone's camera, for the comparison; without it the blur between the
         photographs is fitted.
     noise: noise.json of the phone's camera, for the comparison; without it the noise is fitted.
-    curves: curves.json, to judge poses by d'; without it they are judged by where the camera
-        stands.
-    min_dprime: Lowest d' that is good enough, with --curves.
+    curves: curves.json, to judge poses by d'; without it d' follows from the PSF of the phone's
+        own frames, once the approach has told it.
+    min_dprime: Lowest d' that is good enough.
     port: Port to listen on; 0 picks a free one.
     host: Address to listen on; by default this computer's address in the local network.
     observer: Use the curve for this observer.
@@ -163,7 +163,7 @@ def _guided(
         for done, path in enumerate(paths, start=1):
             judge = Judge(GuideReference.read(path), curve, min_dprime)
             folder = out / path.stem if len(paths) > 1 else out
-            guided.append(GuidedReference.of(judge, StillStore(folder, judge, inputs)))
+            guided.append(GuidedReference.of(judge, StillStore(folder, judge, lambda: inputs)))
             advance_to(done)
     return guided
 

@@ -120,7 +120,9 @@ def _show(directory: Path, opened: Session, facts: dict[str, Any]) -> None:
             "index": lambda one: str(one.record.index),
             "target": lambda one: f"{one.record.kind} {one.record.target}",
             "orientation / deg": lambda one: f"{one.record.orientation_deg:g}",
-            "height / mm": lambda one: f"{one.record.height_mm:.3f}",
+            "height / mm": lambda one: (
+                "" if (at := opened.known_height_mm(one.record)) is None else f"{at:.3f}"
+            ),
             "exposure / us": lambda one: (
                 "" if one.record.exposure_us is None else f"{one.record.exposure_us:g}"
             ),

@@ -379,6 +379,34 @@ class ResultJobs:
 
         self._show_through(self.name_of(request), request.session, request.kind, compute)
 
+    def work_through(self, job: Job, requests: Sequence[ResultRequest]) -> None:
+        """Compute results one after the other, and say what each one gave; one may fail."""
+        title = f"{TITLES[requests[0].kind][2]} {len(requests)} photographs"
+
+        def compute() -> str:
+            told: list[str] = []
+            failed = 0
+            for number, request in enumerate(requests, start=1):
+                assert request.followup is not None
+                self._show(
+                    title=f"{title}: {number} of {len(requests)}", session=request.session.name
+                )
+                try:
+                    _refuse_links(request.session)
+                    make_folder(request.session / RESULTS_FOLDER)
+                    said = self._compute(job, request)
+                except OperatorStopError:
+                    raise
+                except REPORTED_ERRORS as error:
+                    said, failed = str(error), failed + 1
+                told.append(f"{request.followup.target} of {request.session.name}: {said}")
+            self._show(page="")  # each is on the page of its session
+            if failed == len(requests):
+                raise ApplicationError("; ".join(told))
+            return "; ".join(told)
+
+        self._show_through(title, requests[0].session, requests[0].kind, compute)
+
     def import_photographs(self, job: Job, inbox: PhotographInbox, request: ImportRequest) -> None:
         """Make a session of photographs that have arrived."""
 

@@ -1,5 +1,6 @@
 """What can be computed from a session: what each result needs, its files, and its figures."""
 
+import os
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -78,8 +79,12 @@ FILES: Mapping[ResultKind, ResultFiles] = {
     "verify": ResultFiles(document="verify.json", page=""),
 }
 
-EXPORTS: Mapping[ExportFormat, str] = {"ome-tiff": "export.ome.tif", "nexus": "export.nxs"}
-"""Files that a browser can fetch, by format; OME-Zarr is a folder."""
+EXPORTS: Mapping[ExportFormat, str] = {
+    "ome-tiff": "export.ome.tif",
+    "nexus": "export.nxs",
+    "ome-zarr": "export.ome.zarr",
+}
+"""Files that a browser can fetch, by format; OME-Zarr is a folder, which it gets as a ZIP file."""
 
 TITLES: Mapping[ResultKind, tuple[str, str, str]] = {
     "calibrate": ("PSF", "sharpness of the camera, from edges or a scene", "calibrating"),
@@ -119,11 +124,15 @@ def key_figures(kind: str, path: Path) -> KeyFigures | None:
         state = path.stat()
     except OSError:
         return None
-    written = datetime.fromtimestamp(state.st_mtime, UTC).isoformat(timespec="microseconds")
     text = ""
     if path.suffix == ".json" and state.st_size <= MAX_RESULT_BYTES:
         text = _line(kind, path, state.st_mtime_ns, state.st_size)
-    return KeyFigures(text=text, written_utc=written.replace("+00:00", "Z"))
+    return KeyFigures(text=text, written_utc=_written_utc(state))
+
+
+def _written_utc(state: os.stat_result) -> str:
+    written = datetime.fromtimestamp(state.st_mtime, UTC).isoformat(timespec="microseconds")
+    return written.replace("+00:00", "Z")
 
 
 def read_document(path: Path) -> dict[str, Any]:
@@ -312,7 +321,8 @@ def pair_files(kind: ResultKind, name: str) -> ResultFiles:
 def export_path(session: Path, name: str) -> Path | None:
     """Path of an export that is there; None for any other name. Links are not followed."""
     path = session / RESULTS_FOLDER / name
-    is_there = name in EXPORTS.values() and path.is_file()
+    is_whole = path.is_dir() if name == EXPORTS["ome-zarr"] else path.is_file()
+    is_there = name in EXPORTS.values() and is_whole
     return path if is_there and not (path.is_symlink() or path.parent.is_symlink()) else None
 
 
@@ -372,21 +382,28 @@ def _exports(session: Session) -> list[ResultView]:
     found = []
     for name in EXPORTS.values():
         path = export_path(session.path, name)
-        told = None if path is None else key_figures("export", path)
-        if path is not None and told is not None:
+        try:
+            written_utc = None if path is None else _written_utc(path.stat())
+        except OSError:  # it was replaced meanwhile
+            written_utc = None
+        if path is not None and written_utc is not None:
             found.append(
                 ResultView(
                     kind="export",
                     title="",
                     explanation="",
                     is_done=True,
-                    is_outdated=told.written_utc < session.changed_utc,
-                    figures=size_text(path.stat().st_size),
+                    is_outdated=written_utc < session.changed_utc,
+                    figures=size_text(_size_bytes(path)),
                     page=name,
                     pair=name,
                 )
             )
     return found
+
+
+def _size_bytes(path: Path) -> int:
+    return sum(each.lstat().st_size for each in (path, *path.rglob("*")) if not each.is_dir())
 
 
 def heights_of(records: Iterable[CaptureRecord], kinds: tuple[str, ...]) -> int:

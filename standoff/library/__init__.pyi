@@ -56,6 +56,7 @@ from .detectability import (
     JudgedHomography as JudgedHomography,
     given_curve as given_curve,
     judge_homography as judge_homography,
+    known_errors as known_errors,
     pose_limits as pose_limits,
     read_any_curves as read_any_curves,
 )

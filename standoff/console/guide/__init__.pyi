@@ -3,7 +3,7 @@ from ._application import (
     guide_app as guide_app,
     guide_pages as guide_pages,
 )
-from ._assessment import Judge as Judge
+from ._assessment import Assessment as Assessment, Judge as Judge
 from ._certificate import Certificate as Certificate, made_certificate as made_certificate
 from ._live import LiveGuidance as LiveGuidance
 from ._network import network_address as network_address, qr_text as qr_text

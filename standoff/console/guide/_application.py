@@ -188,7 +188,12 @@ class _Pages:
         live = self._of(request).live
         async with self._one_frame(request):
             data = await self._receiver.body(request, MOST_FRAME_BYTES)
-            found = await live.judged(data, phone=_phone(request), taken_s=_taken_s(request))
+            found = await live.judged(
+                data,
+                phone=_phone(request),
+                taken_s=_taken_s(request),
+                is_fine=text_of(request, "fine") == "1",
+            )
         return JSONResponse({"passed_over": True} if found is None else found.to_json())
 
     async def find(self, request: Request) -> Response:
@@ -285,7 +290,8 @@ class _Pages:
         """Take a still that is whole, and answer how far it is."""
         if found.path is not None:
             is_removed = text_of(request, "location") == "remove"
-            take = partial(store.take, found.path, is_location_removed=is_removed)
+            judge = self._of(request).live.judge_of(_phone(request))
+            take = partial(store.take, found.path, is_location_removed=is_removed, judge=judge)
             await self._receiver.in_thread(take)
         document = {"received": found.received, "is_stored": found.path is not None}
         return JSONResponse(document)

@@ -20,6 +20,7 @@ from analysis.pose import (
 )
 from simulation.arrays import FloatArray
 from simulation.pose import project
+from standoff.console.guide._own_psf import FrameCurve
 from standoff.console.guide._reference import GuideReference, scaled_matrix
 
 ByteImage = NDArray[np.uint8]
@@ -34,8 +35,9 @@ MOST_MOTION: Final = 0.5
 """Speed of the picture, in frames a second, from which blur is taken for that of motion."""
 
 WITHOUT_CURVES: Final = (
-    "No curves are given, so the pose is judged by where the camera stands alone: the same "
-    "distance within 3 %, the same direction within 2°, the same middle within 2 % of the picture."
+    "No curves are given, so the pose is judged by where the camera stands: the same distance "
+    "within 3 %, the same direction within 2°, the same middle within 2 % of the picture; and by "
+    "d′, once this phone's own pictures have told how sharp its camera is."
 )
 
 STEADY: Final = 0.06
@@ -77,6 +79,10 @@ class Assessment:
         empty where it is not recognised.
     deviation, quality
         Where the camera stands, and the verdict by curves, where known.
+    judged_by
+        What d' is of and by which PSF, if no curves were given; empty where d' is not known.
+    wants_fine
+        Whether a frame that is hardly compressed would tell more of the camera.
     """
 
     verdict: Verdict
@@ -87,6 +93,8 @@ class Assessment:
     outline: tuple[tuple[float, float], ...] = ()
     deviation: PoseDeviation | None = field(default=None, repr=False)
     quality: PoseQuality | None = field(default=None, repr=False)
+    judged_by: str = ""
+    wants_fine: bool = False
 
     @property
     def spoken(self) -> str:
@@ -112,25 +120,42 @@ class Assessment:
             else {name: getattr(deviation, name) for name in PoseDeviation.__dataclass_fields__},
             "dprime": None if quality is None else quality.decisive_d_prime,
             "dprime_lost": None if quality is None else dprime_lost(quality),
+            "judged_by": self.judged_by,
+            "wants_fine": self.wants_fine,
         }
 
 
 class Judge:
-    """Judges pictures against a reference; with a curve by d' as well, else by the pose alone."""
+    """Judges pictures against a reference: by the pose, and by d' where that is known.
+
+    It is known by a given ``curve``, else by that of the phone's own frames, once there is one.
+    """
 
     def __init__(
         self,
         reference: GuideReference,
         curve: DetectabilityCurve | None = None,
         min_d_prime: float = 2.0,
+        of_frames: FrameCurve | None = None,
     ) -> None:
         self.reference = reference
         self._curve = curve
         self._min_d_prime = min_d_prime
+        self._of_frames = of_frames
+
+    def by_frames(self, found: FrameCurve | None) -> "Judge":
+        """Return a judge by what one phone's own frames tell, unless a curve was given."""
+        if found is None or self._curve is not None:
+            return self
+        return Judge(self.reference, None, self._min_d_prime, found)
+
+    def use(self, curve: DetectabilityCurve | None, min_d_prime: float) -> None:
+        """Judge by this curve from now on."""
+        self._curve, self._min_d_prime = curve, min_d_prime
 
     @property
     def has_curve(self) -> bool:
-        """Whether poses are judged by d'."""
+        """Whether poses are judged by a given curve."""
         return self._curve is not None
 
     def lost(self) -> Assessment:
@@ -183,7 +208,7 @@ class Judge:
         remedies = [
             _REMEDIES[each] for each, value in causes.items() if each in _REMEDIES and value > 1
         ]
-        if verdict != "go" and not _is_steady(motion) and deviation.largest_cost <= GO_UP_TO:
+        if verdict != "go" and not is_steady(motion) and deviation.largest_cost <= GO_UP_TO:
             remedies.insert(0, _REMEDIES["motion"])
         told = ", then ".join(arrow.words for arrow in arrows) if verdict != "go" else ""
         return Assessment(
@@ -195,6 +220,7 @@ class Judge:
             outline=_outline(matrix, size, small),
             deviation=deviation,
             quality=quality,
+            judged_by="" if quality is None or self._of_frames is None else self._of_frames.words,
         )
 
     def _verdict(
@@ -217,7 +243,7 @@ class Judge:
                 "glare": others["glare"],
             }
         largest = max(causes.values())
-        is_good = deviation.largest_cost <= GO_UP_TO and largest <= 1 and _is_steady(motion)
+        is_good = deviation.largest_cost <= GO_UP_TO and largest <= 1 and is_steady(motion)
         verdict: Verdict = "go" if is_good else "unsure"
         if largest > UNSURE_UP_TO:
             verdict = "no go"
@@ -228,9 +254,11 @@ class Judge:
     def _quality(
         self, matrix: FloatArray, size: tuple[int, int], full_size: tuple[int, int] | None
     ) -> PoseQuality | None:
+        reference = self.reference
+        if self._of_frames is not None:
+            return self._of_frames.quality(matrix, size, reference.small_size, self._min_d_prime)
         if self._curve is None:
             return None
-        reference = self.reference
         if full_size is None:
             factor = max(reference.size) / max(size)
             full_size = round(size[0] * factor), round(size[1] * factor)
@@ -241,7 +269,8 @@ class Judge:
             return None
 
 
-def _is_steady(motion: float | None) -> bool:
+def is_steady(motion: float | None) -> bool:
+    """Whether a hand is steady enough for the shutter."""
     return motion is not None and motion <= STEADY
 
 

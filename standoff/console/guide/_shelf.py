@@ -46,10 +46,15 @@ class ReferenceShelf(Mapping[str, GuidedReference]):
         curve: DetectabilityCurve | None = None,
         min_d_prime: float = 2.0,
     ) -> str:
-        """Make a photograph a reference, and return its name; with a curve, poses have a d'."""
+        """Make a photograph a reference, and return its name; with a curve, poses have its d'.
+
+        One that is chosen again is judged by the curve of now. The PSF of a comparison is the one
+        that the session has then.
+        """
         name = f"{record.target} of {session.name}"
         with self._lock:
             if name in self._chosen:
+                self._chosen[name].judge.use(curve, min_d_prime)
                 return name
             reference = GuideReference.read(photograph_file(session, record), name)
             psf = session / RESULTS_FOLDER / "psf.json"
@@ -60,7 +65,7 @@ class ReferenceShelf(Mapping[str, GuidedReference]):
                 StillStore(
                     self._sessions,
                     judge,
-                    ComparisonInputs(psf=psf if psf.is_file() else None),
+                    lambda: ComparisonInputs(psf=psf if psf.is_file() else None),
                     self._incoming / key,
                 ),
             )

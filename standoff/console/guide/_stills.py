@@ -23,7 +23,7 @@ from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.changes import Change, ChangeSummary, describe_focus, describe_limit
-from analysis.pose import PoseFollower, Verdict
+from analysis.pose import PoseFollower, RadialTerm, Verdict, straightened
 from analysis.reports import compared_pictures
 from standoff.console.guide._assessment import Assessment, Judge
 from standoff.console.guide._reference import UprightView, upright
@@ -138,14 +138,14 @@ class StillStore:
     Work is done in a thread of its own, between ``start`` and ``close``; what had arrived in an
     earlier run is taken first, without its location, as nobody knows any more what was asked for.
     A still that cannot be stored stays where it arrived, for the next run: in ``incoming``, which
-    is in the same folder by default.
+    is in the same folder by default. ``inputs`` are asked for at each comparison.
     """
 
     def __init__(
         self,
         folder: Path,
         judge: Judge,
-        inputs: ComparisonInputs,
+        inputs: Callable[[], ComparisonInputs] = ComparisonInputs,
         incoming: Path | None = None,
     ) -> None:
         self.folder = folder
@@ -159,6 +159,7 @@ class StillStore:
             for record in _stored(folder)
             if record.reference == judge.reference.name
         }
+        self._judges: dict[str, Judge] = {}
         self._lock = Lock()
         self._taking = Lock()
         self._ended = Event()
@@ -202,8 +203,12 @@ class StillStore:
         is_kept = self._is_stored(sha256) or (self._incoming / sha256).is_file()
         return found if is_kept else None
 
-    def take(self, path: Path, *, is_location_removed: bool) -> StillRecord:
+    def take(
+        self, path: Path, *, is_location_removed: bool, judge: Judge | None = None
+    ) -> StillRecord:
         """Queue a still that has arrived whole, under its hash as its name; each one once.
+
+        ``judge`` knows the phone that took it; without one it is judged by what is known of all.
 
         Raises
         ------
@@ -221,6 +226,8 @@ class StillStore:
                 raise
             record = replace(self._begun(path), words="The photograph has arrived.")
             self._publish(record)
+            if judge is not None:
+                self._judges[path.name] = judge
         work = partial(self.process, path, is_location_removed=is_location_removed)
         self._queue.put((record, work))
         return record
@@ -315,7 +322,8 @@ class StillStore:
     def _posed(self, session: Path, record: StillRecord) -> StillRecord:
         """Judge the pose, which takes a second."""
         photograph = read_photograph(session / "results" / PHOTOGRAPH_NAME)
-        assessed = self._assessed(UprightView.of(photograph))
+        judge = self._judges.pop(record.sha256, self._judge)
+        assessed = self._assessed(UprightView.of(photograph), judge)
         if assessed.deviation is None:
             words = "It does not show the scene of the reference, or too little of it."
         else:
@@ -333,24 +341,28 @@ class StillStore:
         self._write(record)
         return record
 
-    def _assessed(self, view: UprightView) -> Assessment:
+    def _assessed(self, view: UprightView, judge: Judge) -> Assessment:
         self._follower.reset()
         found = self._follower.update(view.levels)
         if found.pose is None:
-            return self._judge.lost()
-        return self._judge.judged(
-            view.levels, found.pose.matrix, full_size=view.size, level=view.level
-        )
+            return judge.lost()
+        rows, cols = view.levels.shape
+        lens = RadialTerm()
+        lens.add(found.pose, (rows, cols))
+        matrix = lens.without(found.pose, (rows, cols))
+        levels = straightened(view.levels, lens.k1)
+        return judge.judged(levels, matrix, full_size=view.size, level=view.level)
 
     def _compared(self, session: Path, record: StillRecord) -> StillRecord:
         """Look for changes, and write them into the session."""
         results = session / "results"
         with _ONE_COMPARISON:
+            inputs = self._inputs()
             found = find_changes(
                 self._judge.reference.path,
                 results / PHOTOGRAPH_NAME,
-                self._inputs.psf,
-                noise=self._inputs.noise,
+                inputs.psf,
+                noise=inputs.noise,
             )
         found.write(results / CHANGES_FOLDER)
         pictures = compared_pictures(found.reference.grey_dn, found, found.left_out, found.colours)

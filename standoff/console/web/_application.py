@@ -17,7 +17,6 @@ from starlette.responses import (
     FileResponse,
     HTMLResponse,
     JSONResponse,
-    RedirectResponse,
     Response,
     StreamingResponse,
 )
@@ -53,6 +52,7 @@ from standoff.console.web._session_pages import (
     session_document,
     sessions_document,
 )
+from standoff.console.web._zip_stream import zipped
 from standoff.doctor import (
     Check,
     advice_on,
@@ -121,7 +121,7 @@ def _guide_routes(hub: ConsoleHub, pages: "SessionPages", access: Access) -> lis
     while a stage moves, and the bench's own camera is guided on its page.
     """
     return [
-        Route("/guide/to/{name}/{index:int}", pages.choose_reference),
+        Route("/guide/to/{name}/{index:int}", pages.choose_reference, methods=["POST"]),
         Mount("/guide", guide_pages(hub.references, access, home="/photographs")),
     ]
 
@@ -160,7 +160,12 @@ class SessionPages:
         return await self._made(request, "photographs.html", facts)
 
     async def choose_reference(self, request: Request) -> Response:
-        """Read a photograph as the guide's reference, and go to its page."""
+        """Read a photograph as the guide's reference, and name the address of its page."""
+        headers = request.headers
+        if not self._access.is_own_page(
+            origin=headers.get("origin"), host=headers.get("host", ""), scheme=request.url.scheme
+        ):
+            raise HTTPException(403, "this was not sent by the console's own page")
         hub, (name, index, uid) = self._hub, _named(request)
 
         def choose() -> str:
@@ -173,8 +178,8 @@ class SessionPages:
         try:
             chosen = await self._in_turn(request, choose)
         except REPORTED_ERRORS as error:
-            raise HTTPException(409, str(error)) from error
-        return RedirectResponse(f"/guide/?of={quote(chosen, safe='')}", status_code=303)
+            return JSONResponse({"text": str(error)}, 409)
+        return JSONResponse({"address": f"/guide/?of={quote(chosen, safe='')}"})
 
     async def session(self, request: Request) -> Response:
         name, number, hub = request.path_params["name"], _page_number(request), self._hub
@@ -209,6 +214,10 @@ class SessionPages:
         path = await self._in_turn(request, lambda: self._hub.sessions.export_of(name, file))
         if path is None:
             raise HTTPException(404, f"{name} has no export {file}")
+        if path.is_dir():
+            shown = quote(f"{name} {file}.zip", safe="")
+            headers = {"Content-Disposition": f"attachment; filename*=utf-8''{shown}"}
+            return StreamingResponse(zipped(path), media_type="application/zip", headers=headers)
         return FileResponse(path, media_type="application/octet-stream", filename=f"{name} {file}")
 
     async def capture(self, request: Request) -> Response:

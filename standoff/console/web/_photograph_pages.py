@@ -22,7 +22,7 @@ from standoff.console.photographs import (
     told_fault,
 )
 from standoff.console.session_library import SessionLibrary
-from standoff.console.web._session_commands import MOST_IMPORTED
+from standoff.console.web._session_commands import MOST_COMPARED, MOST_IMPORTED
 
 AT_WORK = 4
 """Requests about photographs that are served at one time."""
@@ -110,6 +110,7 @@ def photographs_document(library: SessionLibrary, inbox: PhotographInbox) -> dic
     return {
         "kinds": KINDS,
         "most_imported": MOST_IMPORTED,
+        "most_compared": MOST_COMPARED,
         "revision": inbox.revision,
         "arrived": [
             {
@@ -141,7 +142,7 @@ def _captures(library: SessionLibrary) -> list[dict[str, Any]]:
                 "session": summary.name,
                 "index": record.index,
                 "name": record.target,
-                "height": f"{record.height_mm:g} mm" if record.height_mm else "",
+                "height": "" if (at := session.known_height_mm(record)) is None else f"{at:g} mm",
                 "address": f"{address}/captures/{record.index}",
                 "thumbnail": f"{address}/captures/{record.index}/thumbnail",
             }

@@ -1,10 +1,11 @@
 """Executes the commands that concern sessions, their results, and who is in control."""
 
-from typing import Annotated, Any, Literal
+from dataclasses import replace
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from acquisition.choices import CaptureKind
+from acquisition.choices import CaptureKind, ExportFormat
 from acquisition.session import CaptureRecord, Session, SessionNotes
 from standoff.console.bench_hub import ConsoleHub
 from standoff.console.photographs import ImportRequest, photograph_file
@@ -30,8 +31,11 @@ MOST_IMPORTED = 50
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Photographs = Annotated[list[Sha256], Field(min_length=1, max_length=MOST_IMPORTED)]
-FileFormat = Literal["ome-tiff", "nexus"]
-"""Of an export that a browser can fetch."""
+MOST_COMPARED = 20
+"""Later photographs that are compared with an earlier one at a time."""
+
+Sessions = Annotated[list[Name], Field(min_length=2, max_length=MOST_COMPARED)]
+Captures = Annotated[list[Index], Field(min_length=2, max_length=MOST_COMPARED)]
 
 
 class NotInControlError(ApplicationError):
@@ -97,24 +101,64 @@ class SessionCommands:
 
         The PSF can be that of two captures of one scene, the reference being the nearer.
         """
-        hub = self._hub
-        opened = hub.sessions.open(session)
-        pair: dict[str, Any] = {}
+        opened = self._hub.sessions.open(session)
+        request = ResultRequest(session=opened.path, kind=result, is_replacing=is_replacing)
         if result in ("pose", "changes") or (result == "calibrate" and followup is not None):
-            other = reference_session or session
-            earlier = hub.sessions.open(other)
-            record = used_record(earlier, reference)
-            name = f"{record.index}" if other == session else f"{record.index} of {other}"
-            pair = {
-                "reference": (photograph_file(earlier.path, record), name),
-                "followup": used_record(opened, followup),
-            }
-        self._begin_result(
-            ResultRequest(session=opened.path, kind=result, is_replacing=is_replacing, **pair)
+            request = self._of_pair(request, reference_session or session, reference, followup)
+        self._begin_result(request)
+
+    def _of_pair(
+        self, request: ResultRequest, earlier: str, reference: int | None, followup: int | None
+    ) -> ResultRequest:
+        """The request for a capture of its session against one of another, or of its own."""
+        opened, other = (
+            self._hub.sessions.open(request.session.name),
+            self._hub.sessions.open(earlier),
+        )
+        record = used_record(other, reference)
+        name = f"{record.index}" if other.path == opened.path else f"{record.index} of {earlier}"
+        return replace(
+            request,
+            reference=(photograph_file(other.path, record), name),
+            followup=used_record(opened, followup),
         )
 
+    @command("changes-of-several")
+    def _compare_several(
+        self,
+        reference_session: Name,
+        reference: Index,
+        sessions: Sessions,
+        followups: Captures,
+        is_replacing: bool = False,
+    ) -> None:
+        """Find the changes of several photographs against one, one after the other.
+
+        The number of ``followups`` is that of ``sessions``: each is a capture of its session.
+        """
+        hub = self._hub
+        if len(sessions) != len(followups):
+            raise ApplicationError("Choose the photographs again: some were not named.")
+        requests = [
+            self._of_pair(
+                ResultRequest(
+                    session=hub.sessions.open(session).path,
+                    kind="changes",
+                    is_replacing=is_replacing,
+                ),
+                reference_session,
+                reference,
+                followup,
+            )
+            for session, followup in zip(sessions, followups, strict=True)
+        ]
+        for request in requests:
+            hub.results.refuse_impossible(request)
+        name = f"finding changes in {len(requests)} photographs"
+        hub.jobs.begin(name, lambda job: hub.results.work_through(job, requests))
+
     @command("export")
-    def _export(self, session: Name, file_format: FileFormat, is_replacing: bool = False) -> None:
+    def _export(self, session: Name, file_format: ExportFormat, is_replacing: bool = False) -> None:
         """Export a session into one file, which can be fetched."""
         path = self._hub.sessions.path_of(session)
         self._begin_result(

@@ -103,7 +103,7 @@ def session_document(
         "has_curves": has_curves,
         "results": [asdict(each) for each in results_of(session, has_curves=has_curves)],
         "scenes": [
-            {"index": r.index, "what": f"{_short(r.target)} at {r.height_mm:.1f} mm"}
+            {"index": r.index, "what": _at_height(_short(r.target), session.known_height_mm(r))}
             for r in session.records
             if r.kind not in ("flat", "dark")
         ][:SCENES_SHOWN],
@@ -119,7 +119,8 @@ def session_document(
         "has_report": library.report_of(name) is not None,
         "remarks": [page_words(remark) for remark in session.remarks],
         "captures": [
-            _capture(capture, f"/sessions/{quote(name)}") for capture in _rows(captures, page)
+            _capture(capture, f"/sessions/{quote(name)}", session.known_height_mm(capture.record))
+            for capture in _rows(captures, page)
         ],
         "paging": _paging(len(captures), page),
         "notes": [
@@ -150,7 +151,11 @@ def _short(text: str) -> str:
     return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]} …"
 
 
-def _capture(capture: SessionCapture, address: str) -> dict[str, Any]:
+def _at_height(what: str, height_mm: float | None) -> str:
+    return what if height_mm is None else f"{what} at {height_mm:.1f} mm"
+
+
+def _capture(capture: SessionCapture, address: str, height_mm: float | None) -> dict[str, Any]:
     record = capture.record
     shown = f"{address}/captures/{record.index}"
     query = f"?uid={record.uid}" if capture.is_superseded else ""
@@ -160,7 +165,7 @@ def _capture(capture: SessionCapture, address: str) -> dict[str, Any]:
         "thumbnail": f"{shown}/thumbnail{query}",
         "what": _short(target_text(record.kind, record.target)),
         "orientation": f"{record.orientation_deg:g}",
-        "height": f"{record.height_mm:.3f}",
+        "height": "" if height_mm is None else f"{height_mm:.3f}",
         "exposure": "" if record.exposure_us is None else f"{record.exposure_us:g}",
         "frames": record.frames_used,
         "incomplete": record.incomplete_frames,
@@ -241,7 +246,7 @@ def capture_document(
         "images": _images(record),
         "frames": record.frames_used if record.frames_file is not None else 0,
         "max_level_dn": record.max_level_dn if record.bracket is None else None,
-        "facts": _facts(record),
+        "facts": _facts(record, session.known_height_mm(record)),
         "exposures": [
             {
                 "exposure": f"{each.exposure_us:g}",
@@ -360,11 +365,11 @@ def _state(capture: SessionCapture) -> str:
     return "used"
 
 
-def _facts(record: CaptureRecord) -> list[tuple[str, str]]:
+def _facts(record: CaptureRecord, height_mm: float | None) -> list[tuple[str, str]]:
     """Names and values, rounded for reading."""
     facts = [
         ("orientation", f"{record.orientation_deg:g}°"),
-        ("height", f"{record.height_mm:.3f} mm"),
+        ("height", "not known" if height_mm is None else f"{height_mm:.3f} mm"),
         ("exposure", "" if record.exposure_us is None else f"{record.exposure_us:g} µs"),
         ("gain", "" if record.gain_db is None else f"{record.gain_db:g} dB"),
         ("frames", str(record.frames_used)),

@@ -114,6 +114,8 @@ VALID = {
     "result": "noise",
     "sha256": "0" * 64,
     "photographs": ["0" * 64],
+    "sessions": ["one", "another"],
+    "followups": [0, 1],
     "kind": "edge",
     "file_format": "nexus",
     "draft": {"name": "typed", "targets": [{"kind": "edge", "target": "edge"}]},
@@ -139,6 +141,7 @@ NOT_TYPED = {
     "is_on", "has_field", "ends_at_peak", "is_relative", "is_replacing", "is_long_wanted",
     "choice", "result", "order", "keep_frames", "auto_exposure", "drift_check", "draft",
     "in_hand_ms", "round_trip_ms", "file", "curve", "sha256", "photographs", "file_format",
+    "sessions", "followups",
 }  # fmt: skip
 PROGRAMMERS_WORDS = re.compile(
     r"Input|should|Field|valid|type=|\bstring|\binteger|\bunion|tuple|\b[a-z]+_[a-z]+|[a-z]\.[a-z0-9]"

@@ -19,6 +19,7 @@ from standoff.console.jobs import Job
 from standoff.console.result_jobs import (
     CommandProgress,
     ResultJobs,
+    ResultProgress,
     ResultRequest,
     run_command,
 )
@@ -295,6 +296,41 @@ def test_an_export_is_fetched_by_its_name_alone(imported: Path, tmp_path: Path) 
     out.rename(tmp_path / "elsewhere")
     out.symlink_to(tmp_path / "elsewhere")
     assert export_path(imported, "export.nxs") is None
+
+
+def test_several_pairs_are_compared_one_after_the_other_and_one_may_fail(imported: Path) -> None:
+    near, far = Session(imported).records
+    requests = [
+        ResultRequest(
+            session=imported,
+            kind="changes",
+            reference=(imported / one.file, str(one.index)),
+            followup=other,
+        )
+        for one, other in ((near, far), (far, near))
+    ]
+    run = Commands({})
+    jobs = ResultJobs(imported.parent, run=run)
+    jobs.work_through(Job("changes"), requests)
+    files = [str(imported / one.file) for one in (near, far)]
+    assert [words[-2:] for words in run.given] == [files, files[::-1]]
+    assert jobs.view.state == "done"
+    assert jobs.view.title.endswith("2 photographs: 2 of 2")
+    assert jobs.view.page == ""
+
+    def fail_once(words: list[str], **_: object) -> object:
+        if words[-1] == files[1]:
+            raise ApplicationError("it does not overlap")
+        return {}
+
+    jobs = ResultJobs(imported.parent, run=fail_once)
+    jobs.work_through(Job("changes"), requests)
+    assert jobs.view.state == "done"
+    assert "it does not overlap" in jobs.view.message
+    with pytest.raises(ApplicationError, match="does not overlap"):
+        jobs.work_through(Job("changes"), requests[:1])
+    view: ResultProgress = jobs.view
+    assert view.state == "failed"
 
 
 def test_a_calibration_is_compared_with_the_last_one_of_the_same_camera_and_lens(

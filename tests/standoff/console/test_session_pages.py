@@ -1,15 +1,19 @@
 """The pages about sessions: captures with their levels, notes, comparisons, and results."""
 
+import re
 from base64 import b64encode
 from collections.abc import Iterator
 from dataclasses import replace
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 pytest.importorskip("starlette", reason="the console's extra is not installed")
 pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
@@ -21,7 +25,8 @@ from acquisition.choices import CaptureKind
 from acquisition.errors import SessionError
 from acquisition.session import Session, SessionNotes
 from analysis.reports import views_script
-from standoff.console.bench_hub import BenchHub
+from standoff import correct_height, export_session, import_photographs
+from standoff.console.bench_hub import BenchHub, ConsoleHub
 from standoff.console.jobs import Job
 from standoff.console.session_library import SessionLibrary
 from standoff.console.session_run import RunView
@@ -331,3 +336,76 @@ def test_a_capture_is_excluded_with_a_reason_and_included_again(
     finally:
         job.ask_stop()
         job.ended.wait()
+
+
+@pytest.fixture
+def photographed(tmp_path: Path) -> ConsoleHub:
+    """A console without a bench that has a session of two photographs, of unknown height."""
+    rng = np.random.default_rng(7)
+    paths = [tmp_path / f"{name}.png" for name in ("before", "after")]
+    for path in paths:
+        Image.fromarray(rng.integers(0, 255, (96, 128), dtype=np.uint8)).save(path)
+    hub = ConsoleHub(sessions=tmp_path / "sessions")
+    hub.sessions.folder.mkdir()
+    import_photographs(paths, hub.sessions.folder / "wall", kind="texture", height_mm=0)
+    return hub
+
+
+def test_a_height_that_is_not_known_is_shown_nowhere_as_a_number(photographed: ConsoleHub) -> None:
+    folder = photographed.sessions.folder / "wall"
+    with page_client(photographed) as pages:
+        for path in ("/sessions/wall", "/photographs", "/sessions/wall/captures/0"):
+            shown = pages.get(path).text
+            assert not re.search(r"(?<!h000)(?<!\d)0\.000", shown), path
+            assert "0.0 mm" not in shown, path
+        assert "not known" in pages.get("/sessions/wall/captures/0").text
+        # The null: a height that is known is shown.
+        correct_height(folder, [0], 412.5, "measured")
+        assert "412.500 mm" in pages.get("/sessions/wall/captures/0").text
+        assert "412.500" in pages.get("/sessions/wall").text
+    opened = Session(folder)
+    assert [opened.known_height_mm(record) for record in opened.records] == [412.5, None]
+
+
+def test_a_reference_is_chosen_by_what_the_consoles_own_page_sends_alone(
+    photographed: ConsoleHub,
+) -> None:
+    path = "/guide/to/wall/0"
+    with page_client(photographed) as pages:
+        own = {"Origin": str(pages.base_url).rstrip("/")}
+        assert pages.get(path).status_code == 404
+        assert pages.post(path).status_code == 403
+        assert pages.post(path, headers={"Origin": "http://elsewhere.test"}).status_code == 403
+        assert list(photographed.references) == []
+        answer = pages.post(path, headers=own)  # noise can be followed
+        assert answer.status_code == 200
+        (name,) = photographed.references
+        assert pages.get(answer.json()["address"]).status_code == 200
+        assert name in pages.get(answer.json()["address"]).text
+        missing = pages.post("/guide/to/wall/9", headers=own)
+        assert missing.status_code in (404, 409)
+    photographed.references.close()
+
+
+def test_an_ome_zarr_folder_is_fetched_as_one_zip_file(photographed: ConsoleHub) -> None:
+    pytest.importorskip("zarr", reason="zarr is not installed")
+    folder = photographed.sessions.folder / "wall"
+    out = folder / "results" / "export.ome.zarr"
+    address = "/sessions/wall/exports/export.ome.zarr"
+    with page_client(photographed) as pages:
+        assert pages.get(address).status_code == 404
+        out.parent.mkdir(exist_ok=True)
+        export_session(folder, out, format="ome-zarr")
+        (out / "link").symlink_to(folder / "session.json")
+        answer = pages.get(address)
+        assert "wall%20export.ome.zarr.zip" in answer.headers["Content-Disposition"]
+        with ZipFile(BytesIO(answer.content)) as archive:
+            assert archive.testzip() is None
+            found = {one: archive.read(one) for one in archive.namelist()}
+        files = [path for path in out.rglob("*") if path.is_file() and not path.is_symlink()]
+        assert found == {f"{out.name}/{path.relative_to(out)}": path.read_bytes() for path in files}
+        assert len(found) > 4
+        assert "export.ome.zarr" in pages.get("/sessions/wall").text
+        elsewhere = out.rename(out.with_name("elsewhere"))
+        out.symlink_to(elsewhere)
+        assert pages.get(address).status_code == 404

@@ -2,6 +2,7 @@
 
 const LONGEST_PX = 640;
 const SMALLER_PX = 480;
+const FINE_QUALITY = 0.97;
 const IN_FLIGHT = 2;
 const LATE_MS = 400;
 const SLOW_MS = 280;
@@ -28,6 +29,7 @@ export class Camera {
     this.inFlight = 0;
     this.sent = 0;
     this.newest = 0;
+    this.wantsFine = false;
     this.guidance = null;
     this.takenMs = 0;
     this.answersMs = [];
@@ -95,6 +97,11 @@ export class Camera {
     return this.guidance ? performance.now() - this.takenMs : Infinity;
   }
 
+  // Young enough for a green to begin, which then lasts a third of a second at the least.
+  get isFresh() {
+    return this.ageMs <= LATE_MS;
+  }
+
   get isLate() {
     return this.ageMs > LATE_MS + 1000 / 3;
   }
@@ -112,22 +119,25 @@ export class Camera {
         await pause(15);
         continue;
       }
-      [canvas.width, canvas.height] = area(this.video.videoWidth, this.video.videoHeight, this.longest);
+      // One frame as it is, where the computer asks for it, to tell how sharp the camera is.
+      const isFine = this.wantsFine;
+      this.wantsFine = false;
+      [canvas.width, canvas.height] = area(this.video.videoWidth, this.video.videoHeight, isFine ? LONGEST_PX : this.longest);
       const takenMs = performance.now();
       drawing.drawImage(this.video, 0, 0, canvas.width, canvas.height);
-      const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/jpeg", this.quality));
+      const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/jpeg", isFine ? FINE_QUALITY : this.quality));
       this.inFlight += 1;
       this.sent += 1;
-      this.ask(blob, takenMs, this.sent).finally(() => { this.inFlight -= 1; });
+      this.ask(blob, takenMs, this.sent, isFine).finally(() => { this.inFlight -= 1; });
       // Half a round trip apart, so that the computer always has one to work on.
       await pause(Math.min(100, (this.roundMs ?? 100) / IN_FLIGHT));
     }
   }
 
-  async ask(blob, takenMs, number) {
+  async ask(blob, takenMs, number, isFine) {
     let found;
     try {
-      const at = `${this.path.includes("?") ? "&" : "?"}at=${takenMs.toFixed(1)}`;
+      const at = `${this.path.includes("?") ? "&" : "?"}at=${takenMs.toFixed(1)}${isFine ? "&fine=1" : ""}`;
       const signal = AbortSignal.timeout(ANSWER_MS); // packets may vanish without a word
       const answer = await fetch(this.path + at, { method: "POST", body: blob, signal });
       const text = await answer.text();
@@ -143,11 +153,12 @@ export class Camera {
       return;
     }
     const nowMs = performance.now();
-    this.adapt(nowMs - takenMs);
+    if (!isFine) this.adapt(nowMs - takenMs);
     if (found.passed_over || number < this.newest || this.isClosed) return;
     if (!this.givesPictures) return; // it was taken before the camera stopped, which has been said since
     this.newest = number;
     this.guidance = found;
+    this.wantsFine = found.wants_fine && !isFine;
     this.takenMs = takenMs;
     this.answersMs = [...this.answersMs.slice(-60), nowMs];
     this.ages = [...this.ages.slice(-60), nowMs - takenMs];

@@ -26,3 +26,4 @@ $("find").addEventListener("click", async () => {
     show({ fault: `The camera cannot be used: ${error.message}. Choose the reference below.` });
   }
 });
+$("find").disabled = false;

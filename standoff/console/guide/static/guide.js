@@ -49,8 +49,13 @@ function say(found) {
 function show({ found, fault: text, lost }) {
   if (text !== undefined) fault(text);
   if (lost) fault("The link to the computer is lost; this page keeps trying.");
-  if (!found || (found.verdict === "go" && camera.isLate)) {
+  if (!found) {
     unknown("Waiting for the computer.");
+    return;
+  }
+  // A green that could not last would flicker.
+  if (found.verdict === "go" && (wasGood ? camera.isLate : !camera.isFresh)) {
+    unknown("It was good a moment ago, but the computer answers late: hold still.");
     return;
   }
   fault("");
@@ -59,6 +64,7 @@ function show({ found, fault: text, lost }) {
   $("verdict-word").textContent = WORDS[found.verdict];
   $("verdict-words").textContent = found.words;
   $("remedy").textContent = found.arrows.length ? found.faults.join("; ") : found.remedy;
+  if (found.judged_by) $("judged-by").textContent = found.judged_by;
   const wanted = found.verdict === "go" ? [] : found.arrows;
   $("arrows").replaceChildren(...wanted.map(({ name, words }) => {
     const item = document.createElement("li");
@@ -73,7 +79,7 @@ function show({ found, fault: text, lost }) {
 
 // Nothing is known of where the camera stands now: nothing that was said of it stays.
 function unknown(words) {
-  if (isUnknown) return;
+  if (isUnknown && $("verdict-words").textContent === words) return;
   isUnknown = true;
   wasGood = false;
   $("verdict").className = "verdict no";
@@ -361,6 +367,7 @@ function told() {
 }
 
 $("use-camera").addEventListener("click", openCamera);
+for (const id of ["use-camera", "photograph"]) $(id).disabled = false;
 $("end-camera").addEventListener("click", closeCamera);
 $("shutter").addEventListener("click", shoot);
 $("photograph").addEventListener("change", async ({ target: input }) => {

@@ -113,4 +113,6 @@ if (byId("include")) byId("include").onclick = () => change("include", {});
 connection.addEventListener("state", ({ detail: { control } }) => {
   for (const id of ["exclude", "include"]) if (byId(id)) byId(id).disabled = !control.is_mine;
 });
+for (const each of document.querySelectorAll("[data-image], #frame-number, #automatic")) each.disabled = false;
+byId("view").classList.toggle("whole", byId("whole").checked); // chosen before this script came
 load("mean");

@@ -77,28 +77,26 @@ function offerImport() {
 
 // ---- Compared
 
-let pair = []; // the earlier one, then the later one
+let pair = []; // the earlier one, then the later ones
 
 function choose(button) {
   if (pair.includes(button)) pair = pair.filter((one) => one !== button);
-  else pair = [...pair.slice(-1), button];
+  else if (pair.length <= Number(byId("find-changes").dataset.most)) pair = [...pair, button];
   showPair();
 }
 
 function showPair() {
   for (const button of $$(".picture-choice")) {
-    const role = ["before", "after"][pair.indexOf(button)] ?? "";
+    const at = pair.indexOf(button);
+    const role = at < 0 ? "" : at ? "after" : "before";
     button.setAttribute("aria-pressed", String(Boolean(role)));
     button.querySelector(".role").textContent = role;
   }
   const named = (button) => button.querySelector(".name").textContent;
-  const words = ["Nothing is chosen.", "Choose the later one.", ""][pair.length];
-  setText("chosen", words || `${named(pair[1])} against ${named(pair[0])}`);
+  const words = ["Nothing is chosen.", "Choose the later one, or several.", "", ""][Math.min(pair.length, 3)];
+  const later = pair.length === 2 ? () => named(pair[1]) : () => `${pair.length - 1} photographs`;
+  setText("chosen", words || `${later()} against ${named(pair[0])}`);
   show("guide", pair.length === 1);
-  if (pair.length === 1 && byId("guide")) {
-    const { session, index } = pair[0].dataset;
-    byId("guide").href = `/guide/to/${encodeURIComponent(session)}/${index}`;
-  }
   enable();
 }
 
@@ -114,6 +112,37 @@ function compute(result) {
   });
 }
 
+function findChanges() {
+  if (pair.length === 2) {
+    compute("changes");
+    return;
+  }
+  const [before, ...after] = pair.map(({ dataset }) => dataset);
+  command("changes-of-several", {
+    reference_session: before.session,
+    reference: Number(before.index),
+    sessions: after.map(({ session }) => session),
+    followups: after.map(({ index }) => Number(index)),
+    is_replacing: byId("replace").checked,
+  });
+}
+
+async function guide() {
+  const { session, index } = pair[0].dataset;
+  byId("guide").disabled = true;
+  try {
+    const answer = await fetch(`/guide/to/${encodeURIComponent(session)}/${index}`, { method: "POST" });
+    if (!answer.headers.get("Content-Type")?.includes("json")) throw new Error(`the console answers ${answer.status}`);
+    const { address, text } = await answer.json();
+    if (address) location.assign(address);
+    else setText("chosen", text);
+  } catch (error) {
+    setText("chosen", `The reference cannot be chosen: ${error.message}`);
+  } finally {
+    if (byId("guide")) byId("guide").disabled = false;
+  }
+}
+
 function offerPairs() {
   const same = (one) => [...$$(".picture-choice")].find(({ dataset }) => dataset.session === one.dataset.session && dataset.index === one.dataset.index);
   pair = pair.map(same).filter(Boolean);
@@ -122,10 +151,10 @@ function offerPairs() {
     button.disabled = false;
   }
   if (!byId("swap")) return;
-  byId("swap").disabled = false;
   byId("swap").onclick = () => { pair.reverse(); showPair(); };
-  byId("find-changes").onclick = () => compute("changes");
+  byId("find-changes").onclick = findChanges;
   byId("two-distance").onclick = () => compute("calibrate");
+  if (byId("guide")) byId("guide").onclick = guide;
   showPair();
 }
 
@@ -139,7 +168,11 @@ function enable() {
   const { control, job } = last;
   const mayAct = Boolean(control?.is_mine) && !job;
   for (const button of $$("[data-controlled], [data-discard]")) button.disabled = !mayAct;
-  for (const id of ["find-changes", "two-distance"]) if (byId(id)) byId(id).disabled = !mayAct || pair.length < 2;
+  if (byId("swap")) {
+    byId("swap").disabled = pair.length !== 2;
+    byId("find-changes").disabled = !mayAct || pair.length < 2;
+    byId("two-distance").disabled = !mayAct || pair.length !== 2;
+  }
   if (!byId("import")) return;
   const most = Number(byId("import").dataset.most);
   const isTooMany = chosen().length > most;

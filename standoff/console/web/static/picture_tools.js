@@ -120,6 +120,7 @@ export class ProfileTool {
   constructor(view, overlay, region) {
     Object.assign(this, { view, overlay, region, isOn: false, held: null });
     byId("profile-on").onclick = () => this.switch(!this.isOn);
+    byId("profile-on").disabled = false;
     onKey("l", () => byId("profile-on").click());
     const { frame } = view;
     frame.addEventListener("pointerdown", (event) => this.begin(event));

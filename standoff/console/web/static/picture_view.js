@@ -33,6 +33,7 @@ export class PictureView extends EventTarget {
     };
     for (const [id, [key, act]] of Object.entries(acts)) {
       byId(id).onclick = act;
+      byId(id).disabled = false;
       onKey(key, act);
     }
     onKey("=", acts["zoom-in"][1]); // "+" without Shift

@@ -92,4 +92,5 @@ byId("add-target").onclick = () => {
 const given = JSON.parse(byId("plan-editor").dataset.draft);
 fill(ownFields(), given);
 given.targets.forEach(add);
+byId("draft").disabled = false; // what was typed before would have been filled over
 check();

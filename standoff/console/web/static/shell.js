@@ -159,6 +159,7 @@ connection.addEventListener("state", ({ detail: state }) => {
 
 if (stopping) {
   byId("stop").onclick = () => stopping.press();
+  byId("stop").disabled = false; // before, it would not have been heard
   byId("stop-seen").onclick = () => stopping.seen();
 }
 byId("take-control").onclick = takeControl;

@@ -38,6 +38,7 @@ def hub(tmp_path: Path) -> Iterator[ConsoleHub]:
 
 
 def send(page: Page, *files: Path) -> None:
+    page.wait_for_selector("#files:enabled", state="attached")
     before = page.locator("#sending li >> text=arrived").count()
     page.set_input_files("#files", files)
     wait_until(
@@ -103,6 +104,28 @@ def test_photographs_are_sent_imported_and_compared_without_a_terminal(
     session = standoff.Session(hub.sessions.folder / "my wall")
     assert [record.height_mm for record in session.records] == [412.5, 412.5]
     assert standoff.verify_session(session.path).is_ok
+
+
+def test_several_later_photographs_are_compared_with_one_at_a_time(
+    browser: Browser, hub: ConsoleHub, stills: Stills, tmp_path: Path
+) -> None:
+    paths = [stills.reference, stills.again, smaller(stills.again, tmp_path)]
+    standoff.import_photographs(paths, hub.sessions.folder / "my wall", kind="texture", height_mm=0)
+    with served(hub) as (host, port), opened_page(browser, f"http://{host}:{port}/") as page:
+        page.wait_for_selector("body.mine")
+        for path in paths:
+            page.click(f".picture-choice:has-text('{path.name}')")
+        assert page.inner_text("#chosen") == "2 photographs against reference.jpg"
+        assert page.locator(".picture-choice[aria-pressed=true]").count() == 3
+        assert page.is_disabled("#swap")
+        assert page.is_disabled("#two-distance")
+        judged(page, "three are chosen")
+        page.click("#find-changes:enabled")
+        page.wait_for_selector("#result-message >> text=smaller.jpg of my wall: 1 change")
+        assert page.inner_text("#result-words").startswith("again.jpg of my wall: ")
+        page.goto(f"http://{host}:{port}{SENT}")
+        page.wait_for_selector("body.mine")
+        assert page.locator("li.pair a:has-text('Open')").count() == 2
 
 
 def test_what_is_filled_in_and_chosen_stays_while_something_else_happens(

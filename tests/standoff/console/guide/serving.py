@@ -10,7 +10,6 @@ from threading import Thread
 
 from standoff.console.guide import (
     Certificate,
-    ComparisonInputs,
     GuidedReference,
     GuideReference,
     Judge,
@@ -45,7 +44,7 @@ def served_guide(reference: Path, folder: Path, *others: Path) -> Iterator[Serve
     guided = []
     for path in (reference, *others):
         judge = Judge(GuideReference.read(path))
-        store = StillStore(folder / path.stem, judge, ComparisonInputs())
+        store = StillStore(folder / path.stem, judge)
         guided.append(GuidedReference.of(judge, store))
     certificate = made_certificate("127.0.0.1")
     told: list[str] = []

@@ -21,7 +21,6 @@ from starlette.testclient import TestClient
 from benchmarks.truth.hand_held import HeldPose
 from standoff.console.guide import (
     Certificate,
-    ComparisonInputs,
     GuidedReference,
     GuideReference,
     Judge,
@@ -56,7 +55,7 @@ class Guide:
 
     def __init__(self, stills: Stills, folder: Path) -> None:
         judge = Judge(GuideReference.read(stills.reference))
-        self.store = StillStore(folder, judge, ComparisonInputs())
+        self.store = StillStore(folder, judge)
         self.told: list[str] = []
         self.app = guide_app(
             [GuidedReference.of(judge, self.store)],
@@ -274,7 +273,7 @@ def several(stills: Stills, tmp_path: Path) -> Iterator[TestClient]:
     for seed in (11, 12, 13, 1):
         path = save(wall(seed).seen([HeldPose()], rng), tmp_path / f"wall-{seed}.jpg")
         judge = Judge(GuideReference.read(path))
-        store = StillStore(tmp_path / "guided" / path.stem, judge, ComparisonInputs())
+        store = StillStore(tmp_path / "guided" / path.stem, judge)
         guided.append(GuidedReference.of(judge, store))
     app = guide_app(guided, token=TOKEN, fingerprint="AB:CD")
     with TestClient(app, base_url=HOST) as phone:

@@ -57,7 +57,7 @@ def opened(browser: Browser, guide: ServedGuide, **options: Any) -> Iterator[Pag
         page.set_default_timeout(1e3 * DEADLINE_S)
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.goto(guide.entry)
-        page.wait_for_selector("#start")
+        page.wait_for_selector("#use-camera:enabled")
         yield page
     finally:
         context.close()
@@ -180,6 +180,39 @@ def test_green_goes_as_soon_as_nothing_is_known_any_more(
         page.click("#end-camera")
         page.click("#use-camera")
         assert page.inner_text("#verdict-word") == "…"
+
+
+LATE = """(lateMs) => {
+    window.before ??= window.fetch;
+    window.fetch = async (...asked) => {
+        const answer = await window.before(...asked);
+        await new Promise((resolve) => setTimeout(resolve, lateMs));
+        return answer;
+    };
+    window.greens = 0;
+    const seen = new MutationObserver((changes) => {
+        for (const { oldValue, target } of changes) if (target.className.endsWith(" go") && !oldValue.endsWith(" go")) window.greens += 1;
+    });
+    seen.observe(document.getElementById("verdict"), { attributeFilter: ["class"], attributeOldValue: true });
+}"""  # noqa: E501  # a line of the page's script
+
+
+def test_green_does_not_flicker_where_answers_are_always_late(
+    browser: Browser, guide: ServedGuide
+) -> None:
+    with opened(browser, guide) as page:
+        page.click("#use-camera")
+        page.wait_for_selector("#verdict.go")
+        page.evaluate(LATE, 500)
+        page.wait_for_selector("#verdict.no >> text=the computer answers late")
+        page.evaluate("() => { window.greens = 0; }")
+        answered = page.evaluate("window.guide.newest")
+        late = f"window.guide.newest > {answered + 8}"
+        wait_until(lambda: page.evaluate(late), "some more are answered")
+        assert page.evaluate("window.guide.guidance.verdict") == "go"  # the null: the pose is good
+        assert page.evaluate("window.greens") == 0
+        page.evaluate("() => { window.fetch = window.before; }")
+        page.wait_for_selector("#verdict.go")
 
 
 def test_a_camera_that_was_taken_away_is_opened_again(browser: Browser, guide: ServedGuide) -> None:

@@ -13,7 +13,7 @@ from PIL import Image, ImageOps
 import standoff
 from acquisition.errors import ImageFileError, SessionError
 from analysis.errors import AnalysisError
-from standoff.console.guide import ComparisonInputs, GuideReference, Judge, StillStore
+from standoff.console.guide import GuideReference, Judge, StillStore
 from standoff.console.guide._reference import UprightView, upright
 from standoff.console.guide._stills import StillRecord
 from tests.standoff.console.guide.scenes import SIZE, Stills
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture
 def store(stills: Stills, tmp_path: Path) -> StillStore:
     judge = Judge(GuideReference.read(stills.reference))
-    return StillStore(tmp_path / "guided", judge, ComparisonInputs())
+    return StillStore(tmp_path / "guided", judge)
 
 
 def arrived(store: StillStore, data: bytes) -> Path:
@@ -73,7 +73,7 @@ def test_a_still_becomes_a_session_with_its_pose_and_its_changes(
 def test_what_is_known_survives_a_restart(store: StillStore, stills: Stills) -> None:
     record = processed(store, stills.again.read_bytes())
     judge = Judge(GuideReference.read(stills.reference))
-    again = StillStore(store.folder, judge, ComparisonInputs())
+    again = StillStore(store.folder, judge)
     kept = json.loads(json.dumps([one.to_json() for one in again.records()]))
     assert kept == json.loads(json.dumps([record.to_json()]))
     assert again.record_of(record.sha256) is not None
@@ -111,7 +111,7 @@ def test_a_comparison_that_an_earlier_run_did_not_finish_is_made(
 
 
 def restarted(store: StillStore) -> StillStore:
-    return StillStore(store.folder, store._judge, ComparisonInputs())
+    return StillStore(store.folder, store._judge)
 
 
 def worked(store: StillStore) -> list[StillRecord]:
