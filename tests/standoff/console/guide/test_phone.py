@@ -168,9 +168,9 @@ def test_green_goes_as_soon_as_nothing_is_known_any_more(
         page.click("#use-camera")
         page.wait_for_selector("#verdict.go")
         page.evaluate(UNANSWERED)
-        page.wait_for_selector("#verdict.no >> text=Waiting for the computer")
-        assert page.inner_text("#verdict-word") == "…"
-        assert page.locator("#arrows li").count() == 0
+        # An answer that was on its way may still come.
+        page.wait_for_selector("#verdict.no:has-text('Waiting for the computer') >> text=…")
+        page.wait_for_function("document.querySelectorAll('#arrows li').length === 0")
         page.wait_for_selector("#fault >> text=The link to the computer is lost")
         page.evaluate("() => { window.fetch = window.before; }")
         page.wait_for_selector("#verdict.go")
