@@ -56,11 +56,11 @@ class Frame:
     def figures(self) -> TextureFigures | None:
         """Measure the leaves, and the edges if the lens is round."""
         used = []
+        source = EdgeImage(name="leaves", image_dn=self.image_dn)
         if self.sigma_px[0] == self.sigma_px[1]:
-            source = EdgeImage(name="leaves", image_dn=self.image_dn)
             edges = EdgeSelection().measured_in(source, "all-angles")
             used = [edge for edge in edges if edge.is_used]
-        return texture_figures("leaves", self.image_dn, self.target, used)
+        return texture_figures(source, self.target, used)
 
 
 def frame(rng: np.random.Generator, number: int, snr: float) -> Frame:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import norm, t as student_t
 
 from acquisition.files import StoredModel
-from calibration.edges import EdgeMeasurement
+from calibration.edges import EdgeImage, EdgeMeasurement
 from calibration.lens._targets import crossings
 from calibration.sharpness import (
     EdgeFigures,
@@ -17,12 +17,14 @@ from calibration.sharpness import (
     measure_dead_leaves,
     spread_of,
 )
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 _FEWEST_EDGES = 3
 _FAINT = 0.2
 _KEPT, _SURE = 0.95, 3.0  # below this ratio, by so many standard errors, texture is lost
+_MOST = 1.03  # above this ratio, as surely, the picture may be coarser than the print
 _CHANCE = 0.025
+_CLIPPED_FROM = 0.995  # of the saturation level
 
 
 class TextureFigures(StoredModel):
@@ -30,7 +32,8 @@ class TextureFigures(StoredModel):
 
     ``figures`` are of the intrinsic curve; the direct one is None where the photograph shows no
     edges, whose noise it takes off. ``over_edges`` is the area under the intrinsic curve over that
-    under the edges' of the same photograph, as far as these have a fifth of their contrast.
+    under the edges' of the same photograph, as far as these have a fifth of their contrast;
+    ``is_lost`` and ``is_beyond_edges`` say whether it is below or above 1 by more than chance.
     """
 
     image: str
@@ -46,6 +49,7 @@ class TextureFigures(StoredModel):
     direct_figures: EdgeFigures | None = None
     over_edges: MeasuredValue | None = None
     is_lost: bool = False
+    is_beyond_edges: bool = False
 
     @property
     def sentence(self) -> str:
@@ -54,29 +58,41 @@ class TextureFigures(StoredModel):
             return "Without edges in the same photograph there is nothing to compare texture with."
         kept = f"{self.over_edges.estimate.text(3)} of the area under the edges' curve"
         if self.is_lost:
-            return f"Texture is lost that edges keep: {kept}, as where noise is taken away."
+            return (
+                f"Texture is lost that edges keep: {kept}, as where noise is taken away, or where "
+                "the lens is less sharp at the target than at the edges."
+            )
+        if self.is_beyond_edges:
+            return (
+                f"Texture has more contrast than edges: {kept}. If the picture given is coarser "
+                "than what was printed, these figures are wrong; a lens that is sharper at the "
+                "target than at the edges looks the same."
+            )
         return f"No sign that texture is lost: {kept}."
 
 
 def texture_figures(
-    image: str, image_dn: FloatArray, target: FloatArray, edges: Sequence[EdgeMeasurement]
+    image: EdgeImage, target: FloatArray, edges: Sequence[EdgeMeasurement]
 ) -> TextureFigures | None:
     """Find and measure dead leaves of a known picture; None if the photograph does not show them.
 
+    Parts of the target that are clipped or masked do not count.
     ``target`` is linear in light, ``edges`` are those of the same photograph that are used, which
     may be none.
     """
-    matrix = find_dead_leaves(image_dn, target)
+    matrix = find_dead_leaves(image.image_dn, target)
     if matrix is None:
         return None
-    found = measure_dead_leaves(image_dn, target, matrix, _noise_dn(edges))
+    found = measure_dead_leaves(
+        image.image_dn, target, matrix, _noise_dn(edges), _not_measured(image)
+    )
     if found is None:
         return None
     freq = found.freq_cy_per_px
     over_edges = _over_edges(found, edges)
     direct, direct_err = found.direct, found.direct_err
     return TextureFigures(
-        image=image,
+        image=image.name,
         x_px=found.x_px,
         y_px=found.y_px,
         tiles=found.tiles,
@@ -92,7 +108,22 @@ def texture_figures(
         over_edges=over_edges,
         is_lost=over_edges is not None
         and over_edges.value < min(_KEPT, 1 - _SURE * over_edges.err),
+        is_beyond_edges=over_edges is not None
+        and over_edges.value > max(_MOST, 1 + _SURE * over_edges.err),
     )
+
+
+def _not_measured(image: EdgeImage) -> BoolArray:
+    """Pixels that are clipped or masked."""
+    levels_dn = image.image_dn
+    found = np.zeros(levels_dn.shape, np.bool_) if image.clipped is None else image.clipped.copy()
+    if image.saturation_dn is not None:
+        found |= levels_dn >= _CLIPPED_FROM * image.saturation_dn
+        if levels_dn.min() >= 0:  # else a dark level was taken off, and 0 is no bound
+            found |= levels_dn == 0
+    if image.masked is not None:
+        found |= image.masked
+    return found
 
 
 def _figures(found: TextureSfr) -> EdgeFigures:

@@ -33,7 +33,7 @@ from scipy.ndimage import map_coordinates
 from calibration.errors import RegistrationError
 from calibration.registration import RegistrationReference, register_images
 from calibration.sharpness._star import contrast_at_zero
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 _TILES_PX = (128, 96, 64)
 _ENOUGH_TILES = 25  # for the larger tiles
@@ -48,6 +48,7 @@ _FREQ_MOST = 0.5
 _OVERLAP_ERR = 1.27  # of drawn noise over a jackknife of tiles that overlap and are each aligned
 _DEGREES = ((40, 3), (16, 2), (9, 1))  # of the polynomial of places, by the number of tiles
 
+_CLIPPED = 1e-3  # of a tile's pixels, which do not count: more, and the tile is left out
 _PLACED_PX = 0.01
 _OF_METHOD = 2e-3  # of contrast, without noise
 
@@ -96,9 +97,13 @@ def find_dead_leaves(image_dn: FloatArray, target: FloatArray) -> FloatArray | N
 
 
 def measure_dead_leaves(
-    image_dn: FloatArray, target: FloatArray, matrix: FloatArray, noise_dn: float | None
+    image_dn: FloatArray,
+    target: FloatArray,
+    matrix: FloatArray,
+    noise_dn: float | None,
+    clipped: BoolArray | None = None,
 ) -> TextureSfr | None:
-    """Measure a target that was found; None if it is too small or shows no contrast.
+    """Measure a target that was found; None if it is too small, clipped or shows no contrast.
 
     Parameters
     ----------
@@ -108,8 +113,11 @@ def measure_dead_leaves(
         Homography of the target's pixels to the photograph's.
     noise_dn
         Standard deviation of a pixel's noise; None where it is not known.
+    clipped
+        Pixels of the photograph that are no measurement: tiles that show them are left out, since
+        leaves that are cut off at a level have other spectra.
     """
-    tiles = _tiles(image_dn, target, matrix)
+    tiles = _tiles(image_dn, target, matrix, clipped)
     if tiles is None:
         return None
     spectra, rings, side = _aligned(tiles), _rings(tiles.side), tiles.side
@@ -207,7 +215,9 @@ class _Tiles(NamedTuple):
         return 2 * x / cols - 1, 2 * y / rows - 1
 
 
-def _tiles(image_dn: FloatArray, target: FloatArray, matrix: FloatArray) -> _Tiles | None:
+def _tiles(
+    image_dn: FloatArray, target: FloatArray, matrix: FloatArray, clipped: BoolArray | None
+) -> _Tiles | None:
     """Tiles within the target, each half over the next: the largest of which there are enough."""
     back = np.asarray(np.linalg.inv(matrix), np.float64)
     rows, cols = target.shape
@@ -233,10 +243,16 @@ def _tiles(image_dn: FloatArray, target: FloatArray, matrix: FloatArray) -> _Til
         for right, down in product(sides, sides):
             to_x, to_y = _projected(back, x + right, y + down)
             is_within &= (to_x >= 0) & (to_y >= 0) & (to_x <= cols - 1) & (to_y <= rows - 1)
-        if is_within.sum() >= FEWEST_TILES:
-            corners = np.column_stack([x, y])[is_within].astype(np.int64)
+        corners = np.column_stack([x, y])[is_within].astype(np.int64)
+        if clipped is not None:
+            shares = [
+                np.mean(clipped[top : top + side, left : left + side])
+                for left, top in corners.tolist()
+            ]
+            corners = corners[np.array(shares) <= _CLIPPED]
+        if len(corners) >= FEWEST_TILES:
             best = _Tiles(image_dn, target, back, side, corners)
-        if is_within.sum() >= _ENOUGH_TILES:
+        if len(corners) >= _ENOUGH_TILES:
             break
     return best
 

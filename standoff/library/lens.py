@@ -100,6 +100,11 @@ class _Photographs:
     region: Region | Literal["centre"] | None
     bayer: Pattern | None
 
+    def list_session(self, call: Call) -> None:
+        """List a session among what the figures are made from."""
+        if isinstance(self.images, Session):
+            call.inputs.add_session(self.images)
+
     def sources(self, call: Call) -> EdgeSources:
         """Return the photographs, each read when its turn comes."""
         if isinstance(self.images, Session):
@@ -298,8 +303,8 @@ def measure_lens(
     bounds = None if limits is None else read_limits(Path(limits))
     series = None if focus_mm is None else _FocusSeries.of(given, focus_mm, stated, call)
     given = series.sharpest if series else given
-    if isinstance(given.images, Session):
-        call.inputs.add_session(given.images)
+    given.list_session(call)
+    target = _target_of(leaves, given, call)
     known = _noise_of(given, {"darks": darks, "flats": flats}, noise, call, progress)
     psf = calibrate_psf(
         given.images,
@@ -316,7 +321,7 @@ def measure_lens(
     for remark in (*psf.notes, *known.notes):
         call.announce(remark)
     sources = given.sources(call)
-    seen = _seen_again(given, psf, sources, _target_of(leaves, given, call), call)
+    seen = _seen_again(given, psf, sources, target, call)
     sharpening = sharpening_of(psf.edges_used)
     capacity = _capacity_of(psf, known.of(given), seen, call)
     focus = _FocusSeries.of_heights(psf, stated) if series is None else series.measured(psf)
@@ -405,7 +410,7 @@ def _capacity_of(
     if any(one.is_lost for one in seen.textures):
         call.note(
             "no noise-equivalent quanta: texture is lost that edges keep, as where noise was taken "
-            "away; give raw or linear files"
+            "away; give raw or linear files, with edges on all sides of the target"
         )
         return None
     if psf.channels:
@@ -423,7 +428,12 @@ def _target_of(leaves: ImageLike | None, given: _Photographs, call: Call) -> Flo
         return None
     if isinstance(given.images, Session):
         raise ArgumentError("a session is not searched for dead leaves", argument="leaves")
-    return edge_image(call.photograph(leaves, "leaves"), Reading()).image_dn
+    picture = edge_image(call.photograph(leaves, "leaves"), Reading())
+    if not np.ptp(picture.image_dn) > 0:
+        raise CalibrationError(
+            f"{picture.name}: one grey all over; give the picture of the dead leaves target"
+        )
+    return picture.image_dn
 
 
 class _Seen(NamedTuple):
@@ -458,7 +468,7 @@ def _seen_again(
                 star = star_figures(image.name, image.image_dn, used)
                 stars += () if star is None else (star,)
                 if target is not None:
-                    texture = texture_figures(image.name, image.image_dn, target, used)
+                    texture = texture_figures(image, target, used)
                     textures += () if texture is None else (texture,)
             for colour, plane in _planes(image, sources.reading.pattern):
                 if psf.channels is None:
@@ -478,8 +488,8 @@ def _no_leaves(sources: EdgeSources) -> str:
     if sources.reading.pattern is not None:
         return "raw mosaics are not searched for dead leaves"
     return (
-        "no photograph shows the dead leaves of the picture given, 130 px or more on a side and in "
-        "focus"
+        "no photograph shows the dead leaves of the picture given, 170 px or more on a side "
+        "(turned, 200 px), in focus and not clipped"
     )
 
 

@@ -186,11 +186,11 @@ def _board(covered: float) -> tuple[FloatArray, FloatArray]:
         begin = rng.integers(20, 460, 2)
         end = begin + rng.integers(-25, 26, 2)
         cv2.line(board, begin.tolist(), end.tolist(), 40.0, 2, cv2.LINE_AA)
-    board = cv2.GaussianBlur(board, (0, 0), 1.2)
+    board = np.asarray(cv2.GaussianBlur(board, (0, 0), 1.2), np.float64)
     after = 0.9 * board
     covering = after[480 - round(covered * 480) :]
     covering[:] = 12 + 3 * np.sin(np.arange(480.0) / 9)
-    after = cv2.GaussianBlur(after, (0, 0), 0.8)
+    after = np.asarray(cv2.GaussianBlur(after, (0, 0), 0.8), np.float64)
     both = [np.rint(one + rng.normal(0, 1, one.shape)) for one in (board, after)]
     return both[0], both[1]
 

@@ -114,6 +114,23 @@ def test_lateral_colour_is_drawn_against_the_radius_along_the_normal() -> None:
     assert lateral_colour_section(calibration(ring())) is None
 
 
+def test_the_map_of_lateral_colour_is_on_the_page_where_edges_tell_it() -> None:
+    shifts = {
+        "red_shift_px": 0.2, "red_shift_err_px": 0.01, "blue_shift_px": 0.0,
+        "blue_shift_err_px": 0.02,
+    }  # fmt: skip
+    outer = ring(changes=shifts)
+    inner = [one.model_copy(update={"x_px": 0.5 * (one.x_px + 200)}) for one in outer]
+    # Edges at one distance from the centre do not tell size from third order.
+    many, few = (lateral_colour_section(calibration(edges)) for edges in ([*outer, *inner], outer))
+    assert many is not None
+    assert few is not None
+    captions = [one.caption for one in many.figures]
+    assert any("over the field" in one for one in captions)
+    assert any(one.startswith("Blue: none beyond its error") for one in many.text)
+    assert not any("over the field" in one.caption for one in few.figures)
+
+
 NONE: frozenset[str] = frozenset()
 
 

@@ -1,5 +1,6 @@
 """Dead leaves: found by their picture, and measured as the closed form says."""
 
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -116,11 +117,12 @@ def test_dead_leaves_of_another_target_are_not_this_one() -> None:
     assert find_dead_leaves(image, target()[:400, :400]) is None
 
 
-def measured(image: FloatArray) -> TextureFigures:
-    edges = EdgeSelection().measured_in(EdgeImage(name="leaves", image_dn=image), "all-angles")
+def measured(image: FloatArray, picture: FloatArray | None = None) -> TextureFigures:
+    source = EdgeImage(name="leaves", image_dn=image)
+    edges = EdgeSelection().measured_in(source, "all-angles")
     used = [edge for edge in edges if edge.is_used]
     assert len(used) == 16  # no leaf
-    return known(texture_figures("leaves", image, target(), used))
+    return known(texture_figures(source, target() if picture is None else picture, used))
 
 
 def with_edges(noise_dn: float) -> FloatArray:
@@ -145,9 +147,44 @@ def test_a_filter_that_keeps_edges_is_named() -> None:
     assert "Texture is lost that edges keep" in found.sentence
 
 
+def test_a_lens_less_sharp_at_the_target_is_named_as_what_looks_the_same() -> None:
+    light = photograph(target(), PRINT, SHAPE, (0.8, 0.8))
+    both = edges_beside(LEVEL_DN * light, SIGMA_PX)
+    found = measured(both + np.random.default_rng(5).normal(0, 36.0, both.shape))
+    assert found.is_lost
+    assert "or where the lens is less sharp at the target than at the edges" in found.sentence
+
+
+def test_a_picture_coarser_than_what_was_printed_is_named() -> None:
+    coarse = target().reshape(400, 2, 400, 2).mean(axis=(1, 3))
+    found = measured(with_edges(36.0), coarse)
+    half = known(found.figures.mtf50_cy_per_px)
+    assert half.value > 0.2468 + 10 * half.err
+    assert found.is_beyond_edges
+    assert "coarser than what was printed" in found.sentence
+    assert not measured(with_edges(36.0)).is_beyond_edges
+
+
+def test_leaves_that_are_clipped_do_not_count() -> None:
+    image = noisy(photograph(target(), PRINT, SHAPE, (SIGMA_PX, SIGMA_PX)), 36.0)
+    image[:, 225:] = np.minimum(image[:, 225:], 1900.0)  # a third of the right half
+    bright = np.zeros(image.shape, np.bool_)
+    bright[:, 225:] = image[:, 225:] >= 1900.0
+    whole = EdgeImage(name="leaves", image_dn=image)
+    wrong = known(texture_figures(whole, target(), []))
+    found = known(texture_figures(replace(whole, clipped=bright), target(), []))
+    assert known(found.figures.mtf50_cy_per_px).value == pytest.approx(0.2468, rel=0.02)
+    assert known(wrong.figures.mtf50_cy_per_px).value > 1.02 * 0.2468
+    everywhere = replace(whole, image_dn=np.minimum(image, 1900.0), saturation_dn=1900.0)
+    assert texture_figures(everywhere, target(), []) is None
+    assert (
+        texture_figures(replace(whole, masked=np.ones(image.shape, np.bool_)), target(), []) is None
+    )
+
+
 def test_without_edges_nothing_is_said_of_loss() -> None:
     image = noisy(photograph(target(), PRINT, SHAPE, (SIGMA_PX, SIGMA_PX)), 18.0)
-    found = known(texture_figures("leaves", image, target(), []))
+    found = known(texture_figures(EdgeImage(name="leaves", image_dn=image), target(), []))
     assert found.over_edges is None
     assert found.direct is None
     assert not found.is_lost

@@ -418,3 +418,23 @@ def test_leaves_that_no_photograph_shows_are_said_to_be_missing(edge_file: Path)
     limited = standoff.measure_lens(edge_file, leaves=3000 * target)
     assert limited.textures == ()
     assert any("no photograph shows the dead leaves" in note for note in limited.notes)
+
+
+@pytest.mark.slow
+def test_a_picture_that_cannot_be_leaves_is_refused_before_the_work(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    grey, text = tmp_path / "grey.tif", tmp_path / "text.png"
+    tifffile.imwrite(grey, np.full((300, 300), 900, np.uint16))
+    text.write_text("no picture", encoding="utf-8")
+    out = tmp_path / "lens.html"
+    for given, why in (
+        (grey, "one grey all over; give the picture of the dead leaves target"),
+        (text, "not an image"),
+        (tmp_path, "a folder, not a file"),
+        (tmp_path / "none.tif", "No such file"),
+    ):
+        err = command.refused(1, "lens", edge_file, "--leaves", given, "--out", out)
+        assert why in " ".join(err.split())
+        assert "measuring" not in err
+        assert not out.exists()
