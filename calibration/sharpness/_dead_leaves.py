@@ -8,7 +8,8 @@ Two curves follow from the spectra of the tiles, X of the picture and Y of the p
 *intrinsic* one, ``sum Y X* / sum |X|^2``, counts what the photograph shows of the texture that is
 there: neither noise nor detail that processing adds has a part in it. The *direct* one, the root of
 ``(sum |Y|^2 - noise) / sum |X|^2``, counts all detail but white noise, as large as beside the edges
-of the photograph. Both are 1 at frequency 0 by what their lowest frequencies extrapolate to.
+of the photograph. Both are over what the lowest frequencies of the intrinsic one extrapolate to at
+frequency 0.
 
 References
 ----------
@@ -64,7 +65,7 @@ class _Spectra(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TextureSfr:
-    """Contrast by frequency of dead leaves, with standard errors; both curves are 1 at 0.
+    """Contrast by frequency of dead leaves, with standard errors; the intrinsic curve is 1 at 0.
 
     ``direct`` is None where the noise is not known. ``scale_err`` is the relative error of 1.
     ``without`` are the intrinsic curves without each tile, shape ``(tiles, rings)``, of which
