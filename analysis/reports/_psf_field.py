@@ -477,7 +477,7 @@ def lateral_colour_section(psf: PsfCalibration) -> ReportSection | None:
             "" if is_few else "The largest shifts of red and of blue.",
         ),
         ReportFigure.if_drawn(
-            None if is_few else plot_lateral_colour(edges, width, height),
+            None if is_few or fields else plot_lateral_colour(edges, width, height),
             "Shift of red and blue from green across each edge, with 95 % bars, against the "
             "part of the radius that lies along the edge's normal: lateral colour that grows "
             "with the radius is a straight line through 0.",
@@ -529,7 +529,7 @@ def plot_lateral_map(
     fields: Sequence[LateralColourField], edges: Sequence[EdgeMeasurement], psf: PsfCalibration
 ) -> Figure:
     """Draw the shifts of red and blue over the field as arrows, with a length of reference."""
-    figure, axes = new_plot(6.0, 4.0)
+    figure, axes = new_plot(7.2, 3.0)
     axes.scatter([one.x_px for one in edges], [one.y_px for one in edges], s=3, color=POINTS)
     most = max(field.worst_px.value for field in fields)
     unit_px = float(f"{most:.1g}") or 1.0
