@@ -45,6 +45,7 @@ WRITERS = {
     "standoff/console/photographs/_uploads.py": "parts of what arrives, under their hashes",
     "standoff/console/pose_curves.py": "in a temporary folder",
     "acquisition/files/_writing.py": "tried below",
+    "standoff/console/web/_zip_stream.py": "into an archive that is sent, not kept",
     "standoff/library/swept_photographs.py": "in a temporary folder",
     "standoff/streams.py": "standard output",
     "standoff/warm_up.py": "in a temporary folder",
