@@ -16,6 +16,7 @@ from ._image import (
     plane_places as plane_places,
 )
 from ._model import edge_profile as edge_profile
+from ._rounded import NEARLY_SATURATED as NEARLY_SATURATED
 from ._samples import (
     BinnedEdge as BinnedEdge,
     EdgeSamples as EdgeSamples,

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import norm, t as student_t
 
 from acquisition.files import StoredModel
-from calibration.edges import EdgeImage, EdgeMeasurement
+from calibration.edges import NEARLY_SATURATED, EdgeImage, EdgeMeasurement
 from calibration.lens._targets import crossings
 from calibration.sharpness import (
     EdgeFigures,
@@ -24,7 +24,6 @@ _FAINT = 0.2
 _KEPT, _SURE = 0.95, 3.0  # below this ratio, by so many standard errors, texture is lost
 _MOST = 1.03  # above this ratio, as surely, the picture may be coarser than the print
 _CHANCE = 0.025
-_CLIPPED_FROM = 0.995  # of the saturation level
 
 
 class TextureFigures(StoredModel):
@@ -76,9 +75,8 @@ def texture_figures(
 ) -> TextureFigures | None:
     """Find and measure dead leaves of a known picture; None if the photograph does not show them.
 
-    Parts of the target that are clipped or masked do not count.
-    ``target`` is linear in light, ``edges`` are those of the same photograph that are used, which
-    may be none.
+    Parts of the target that are clipped or masked do not count. ``target`` is linear in light,
+    ``edges`` are those of the same photograph that are used, which may be none.
     """
     matrix = find_dead_leaves(image.image_dn, target)
     if matrix is None:
@@ -118,7 +116,7 @@ def _not_measured(image: EdgeImage) -> BoolArray:
     levels_dn = image.image_dn
     found = np.zeros(levels_dn.shape, np.bool_) if image.clipped is None else image.clipped.copy()
     if image.saturation_dn is not None:
-        found |= levels_dn >= _CLIPPED_FROM * image.saturation_dn
+        found |= levels_dn >= NEARLY_SATURATED * image.saturation_dn
         if levels_dn.min() >= 0:  # else a dark level was taken off, and 0 is no bound
             found |= levels_dn == 0
     if image.masked is not None:

@@ -9,7 +9,7 @@ is painted: sampled like the rest, they hardly alias.
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from math import asin, cos, degrees, hypot, radians, sin
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,13 @@ from scipy.special import ndtr
 from hil_mocks.benchmark_set._photographs import Grid, Series, pixels, sampled
 from hil_mocks.benchmark_set._scenes import SOFTNESS_CELLS, Pose, Positions, scene
 from hil_mocks.benchmark_set._tasks import View
-from hil_mocks.truth import SAMPLES_PER_PX
+from hil_mocks.truth import SAMPLES_PER_PX, Outline, inside_outline
 
 DEEP_KINDS = ("steps", "outdoors")
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
-
-Outline = Literal["plate", "coin", "leaf"]
 
 SOFTNESS_PX = SOFTNESS_CELLS / SAMPLES_PER_PX
 """Of an outline, standard deviation in px of the reference."""
@@ -71,15 +69,8 @@ class Thing:
         """How far positions of the reference are within the outline; negative outside."""
         c, s = cos(radians(self.turn_deg)), sin(radians(self.turn_deg))
         across, down = x_px - self.x_px, y_px - self.y_px
-        u, v = np.abs(c * across + s * down), np.abs(c * down - s * across)
-        if self.outline == "plate":
-            return np.asarray(np.minimum(self.half_x_px - u, self.half_y_px - v))
-        if self.outline == "coin":
-            return np.asarray(self.half_x_px - np.sqrt(u * u + v * v))
-        # What two circles have in common, through both of the leaf's tips.
-        radius = (self.half_x_px**2 + self.half_y_px**2) / (2 * self.half_y_px)
-        v = v + (radius - self.half_y_px)
-        return np.asarray(radius - np.sqrt(u * u + v * v))
+        about = c * across + s * down, c * down - s * across
+        return inside_outline(self.outline, about, (self.half_x_px, self.half_y_px))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

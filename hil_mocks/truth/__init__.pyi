@@ -5,6 +5,7 @@ from ._images import (
     spline_at as spline_at,
 )
 from .bench_truth import BenchTruth as BenchTruth
+from .relief import Outline as Outline, inside_outline as inside_outline
 from .render import (
     ADC_MAX_DN as ADC_MAX_DN,
     MONO8_SHIFT as MONO8_SHIFT,

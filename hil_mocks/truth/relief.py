@@ -8,7 +8,7 @@ first, and whatever is drawn later stands before what was drawn earlier.
 
 Outlines are blurred by their signed distance, which is exact for straight borders; where an outline
 is narrower than the sampling blur, and where it covers fine texture, what is seen errs by a part of
-that blur, which is less than half a pixel.
+that blur.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from hil_mocks.truth.scenes import STEP_REACH, Coordinates, Reflectance, Scene, gaussian_step
 
-Outline = Literal["rectangle", "disc", "leaf"]
+Outline = Literal["plate", "coin", "leaf"]
+"""A leaf is what two circles through both of its tips have in common."""
 
 WALL_STEP_MM = 4.0
 """Height from one section of a wall to the next; sections are full, and overlap."""
@@ -30,11 +31,29 @@ WALL = 0.2
 """Reflectance of walls."""
 
 
+def inside_outline(
+    outline: Outline, about: tuple[Coordinates, Coordinates], half: tuple[float, float]
+) -> NDArray[np.float64]:
+    """How far places are within an outline; negative outside.
+
+    ``about``: places from its middle, along its own axes. ``half``: its size, of which a coin has
+    but the first.
+    """
+    u, v = np.abs(about[0]), np.abs(about[1])
+    if outline == "plate":
+        return np.asarray(np.minimum(half[0] - u, half[1] - v))
+    if outline == "coin":
+        return np.asarray(half[0] - np.sqrt(u * u + v * v))
+    radius = (half[0] ** 2 + half[1] ** 2) / (2 * half[1])
+    v = v + (radius - half[1])
+    return np.asarray(radius - np.sqrt(u * u + v * v))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thing:
     """A thing with a flat top.
 
-    ``x_mm, y_mm``: its middle. ``half_x_mm, half_y_mm``: half the size, of which a disc has but the
+    ``x_mm, y_mm``: its middle. ``half_x_mm, half_y_mm``: half the size, of which a coin has but the
     first. ``height_mm``: of the top. ``top``: what the top shows, about the thing's middle.
     """
 
@@ -49,15 +68,8 @@ class Thing:
 
     def inside_mm(self, x_mm: Coordinates, y_mm: Coordinates) -> NDArray[np.float64]:
         """How far places are within the outline; negative outside."""
-        right, down = self.about_middle(x_mm, y_mm)
-        right, down = np.abs(right), np.abs(down)
-        if self.outline == "rectangle":
-            return np.asarray(np.minimum(self.half_x_mm - right, self.half_y_mm - down))
-        if self.outline == "disc":
-            return np.asarray(self.half_x_mm - np.hypot(right, down))
-        # What two circles through both of the leaf's tips have in common.
-        radius = (self.half_x_mm**2 + self.half_y_mm**2) / (2 * self.half_y_mm)
-        return np.asarray(radius - np.hypot(right, down + radius - self.half_y_mm))
+        about = self.about_middle(x_mm, y_mm)
+        return inside_outline(self.outline, about, (self.half_x_mm, self.half_y_mm))
 
     def about_middle(
         self, x_mm: Coordinates, y_mm: Coordinates
@@ -70,7 +82,7 @@ class Thing:
     @property
     def radius_mm(self) -> float:
         """Of a circle about its middle that holds it."""
-        return self.half_x_mm if self.outline == "disc" else hypot(self.half_x_mm, self.half_y_mm)
+        return self.half_x_mm if self.outline == "coin" else hypot(self.half_x_mm, self.half_y_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -141,7 +141,7 @@ def _things_on_a_print() -> Relief:
 
     steps = tuple(
         Thing(
-            outline="rectangle",
+            outline="plate",
             x_mm=-28.0 + 14.0 * number,
             y_mm=-18.0,
             half_x_mm=7.0,
@@ -156,7 +156,7 @@ def _things_on_a_print() -> Relief:
         things=(
             *steps,
             Thing(
-                outline="disc",
+                outline="coin",
                 x_mm=32.0,
                 y_mm=-14.0,
                 half_x_mm=13.0,

@@ -8,7 +8,6 @@ import pytest
 from hil_mocks.benchmark_set._depth import (
     DeepView,
     Depths,
-    Outline,
     Thing,
     depth_of_parallax,
 )
@@ -17,6 +16,7 @@ from hil_mocks.benchmark_set._lenses import round_lens
 from hil_mocks.benchmark_set._pair_tracks import DeepPair
 from hil_mocks.benchmark_set._scenes import Pose
 from hil_mocks.benchmark_set._tasks import View
+from hil_mocks.truth import Outline
 
 SHAPE = (90, 120)
 FOCAL_PX = 1.24 * 120

@@ -18,7 +18,7 @@ from hil_mocks.truth.targets import scene_of
 
 BENCH = Path("configs/simulated.toml")
 COIN = Thing(
-    outline="disc", x_mm=5.0, y_mm=-3.0, half_x_mm=10.0, half_y_mm=10.0, height_mm=4.0,
+    outline="coin", x_mm=5.0, y_mm=-3.0, half_x_mm=10.0, half_y_mm=10.0, height_mm=4.0,
     top=Uniform(level=0.5),
 )  # fmt: skip
 
