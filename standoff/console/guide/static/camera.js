@@ -126,6 +126,7 @@ export class Camera {
       const takenMs = performance.now();
       drawing.drawImage(this.video, 0, 0, canvas.width, canvas.height);
       const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/jpeg", isFine ? FINE_QUALITY : this.quality));
+      if (!this.givesPictures) continue; // the camera stopped while this was compressed: it is old by now
       this.inFlight += 1;
       this.sent += 1;
       this.ask(blob, takenMs, this.sent, isFine).finally(() => { this.inFlight -= 1; });

@@ -252,6 +252,33 @@ def test_a_camera_that_is_mute_is_waited_for(browser: Browser, guide: ServedGuid
         assert page.is_hidden("#fault")
 
 
+def test_what_was_being_compressed_when_the_camera_went_mute_is_not_sent(
+    browser: Browser, guide: ServedGuide
+) -> None:
+    with opened(browser, guide) as page:
+        page.click("#use-camera")
+        page.wait_for_selector("#verdict.go")
+        page.evaluate("""() => {
+            const compress = HTMLCanvasElement.prototype.toBlob;
+            HTMLCanvasElement.prototype.toBlob = function (done, ...how) {
+                window.compressing = (window.compressing ?? 0) + 1;
+                const late = (blob) => setTimeout(() => { window.compressing -= 1; done(blob); }, 2000);
+                compress.call(this, late, ...how);
+            };
+        }""")
+        wait_until(lambda: page.evaluate("window.compressing ?? 0") > 0, "a frame is compressed")
+        sent = page.evaluate("""() => {
+            const { track, sent } = window.guide;
+            Object.defineProperty(track, "muted", { value: true, configurable: true });
+            return sent;
+        }""")
+        wait_until(lambda: page.evaluate("window.compressing") == 0, "it is compressed")
+        page.wait_for_timeout(100)
+        assert page.evaluate("window.guide.sent") == sent
+        page.evaluate("() => { delete window.guide.track.muted; }")
+        wait_until(lambda: page.evaluate("window.guide.sent") > sent, "the next frame is sent")
+
+
 def test_the_screen_stays_lit_while_the_camera_is_open(
     browser: Browser, guide: ServedGuide
 ) -> None:
