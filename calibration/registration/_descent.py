@@ -41,6 +41,10 @@ _STRIDE_PX = 6.0
 """Pixels to a sample, beyond which a small overlap is sampled more closely: correlated noise leaves
 about 4 pi smoothing^2 pixels to one that is independent, and detail more."""
 
+_START_SAMPLES = 8000
+"""Of a reduced photograph, whose pose is the start at a finer resolution: so many as there are at
+least, or one to a stride."""
+
 _FLAT = 1e-3
 """Of the rms slope, below which samples of a drawing are flat: 9 of 10 of all agree to the bit, and
 say nothing of the scatter of the others."""
@@ -74,6 +78,8 @@ class LevelPair:
         near = near.smoothed(*_missing_blur_px(pose, psf, factor, self._source_factor))
         self._coefficients = spline_filter(near.levels, order=3, output=np.float32, mode="reflect")
         self._near_usable = near.usable
+        if factor > 1:
+            samples = min(samples, max(round(far.levels.size / _STRIDE_PX), _START_SAMPLES))
         y, x = _samples(far, samples, pose.overlap)
         places = ((at.astype(np.float64) + 0.5) * factor - 0.5 for at in (y, x))
         near_source = pose.shows(*pose.to_reference_px(*places), margin=_AROUND)

@@ -185,14 +185,58 @@ class _PlaceErrors:
     k1_err: float
 
 
-def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _PlaceErrors:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Scores:
+    """Normal equations of a pose's motions, then of the light, at a pose of least cost.
+
+    The derivative of the scores, the normal equations, the scores, and the sum over blocks of the
+    products of their scores.
+    """
+
+    slope: FloatArray = field(repr=False)
+    normal: FloatArray = field(repr=False)
+    total: FloatArray = field(repr=False)
+    scatter: FloatArray = field(repr=False)
+
+    def without(self, number: int) -> "_Scores":
+        """The same with one parameter held where it is."""
+        rest = np.delete(np.arange(len(self.total)), number)
+        both = np.ix_(rest, rest)
+        return _Scores(
+            slope=self.slope[both],
+            normal=self.normal[both],
+            total=self.total[rest],
+            scatter=self.scatter[both],
+        )
+
+    def covariance(self) -> FloatArray:
+        """Covariance of the parameters, by the sandwich formula.
+
+        References
+        ----------
+        H. White, "A heteroskedasticity-consistent covariance matrix estimator and a direct test for
+        heteroskedasticity", 1980; with blocks as clusters.
+        """
+        inverse = _bounded_inverse(self.slope, self.normal)
+        return np.asarray(inverse @ self.scatter @ inverse)
+
+    def step(self) -> FloatArray:
+        """Change of the parameters that the scores ask for."""
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.normal), 1e-300))
+        normal = self.normal * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+        return np.asarray(scale * np.linalg.solve(normal, scale * self.total))
+
+
+def _place_errors(motions: PoseMotions, found: Residuals, scores: _Scores) -> _PlaceErrors:
     """Standard errors of a pose of least cost."""
-    covariance = _covariance(pair, motions, found)
     chosen = np.flatnonzero(found.inside)
     chosen = chosen[:: max(len(chosen) // _SHOWN_SAMPLES, 1)]
+    flows = motions.flows(found.pose)
+    count = flows[0].shape[1]
+    covariance = scores.covariance()[:count, :count]
     variance = sum(
         float(np.mean(np.sum((along[chosen] @ covariance) * along[chosen], axis=1)))
-        for along in motions.flows(found.pose)
+        for along in flows
     )
     return _PlaceErrors(
         place_err_px=found.pose.zoom * sqrt(max(variance, 0.0)),
@@ -200,46 +244,41 @@ def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _P
     )
 
 
-def _covariance(pair: LevelPair, motions: PoseMotions, found: Residuals) -> FloatArray:
-    """Covariance of the parameters, by the sandwich formula with sums over blocks.
+def _scores(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _Scores:
+    """Normal equations and scores of a pose, by blocks.
 
     The two photographs' noise is independent: the derivative of the scores is the product of the
     one's slopes with the other's, into which no noise enters.
-
-    References
-    ----------
-    H. White, "A heteroskedasticity-consistent covariance matrix estimator and a direct test for
-    heteroskedasticity", 1980; with blocks as clusters.
     """
     inside = found.inside
-    along_x, along_y = (along[inside] for along in motions.flows(found.pose))
-    count = along_x.shape[1]
-    light = found.light_columns[inside]
-    seen_x, seen_y = (
-        slope[inside, None] for slope in pair.predicted_slopes(found.pose, found.light[0])
-    )
-    own = np.concatenate(
-        [
-            pair.slope_x[inside, None] * along_x + pair.slope_y[inside, None] * along_y,
-            light,
-        ],
-        axis=1,
-    )
-    other = np.concatenate([seen_x * along_x + seen_y * along_y, light], axis=1)
+    along_x, along_y = (along[inside].T for along in motions.flows(found.pose))
+    count = len(along_x)
+    light = found.light_columns[inside].T
+    seen_x, seen_y = (slope[inside] for slope in pair.predicted_slopes(found.pose, found.light[0]))
+    own_x, own_y = pair.slope_x[inside], pair.slope_y[inside]
+    own = np.concatenate([own_x * along_x + own_y * along_y, light])
+    other = np.concatenate([seen_x * along_x + seen_y * along_y, light])
     square = np.minimum(found.relative[inside] ** 2, 1.0)
     rising = (1 - square) * (1 - 5 * square) / found.scale[inside] ** 2
-    slope = (own * rising[:, None]).T @ other
+    slope = (own * rising) @ other.T
     slope = (slope + slope.T) / 2
-    normal = (own * found.weight[inside, None]).T @ own
+    weight, block = found.weight[inside], pair.block[inside]
+    weighted = own * np.sqrt(weight)
+    normal = weighted @ weighted.T
+    prior = motions.prior(found.pose)
     for one in (slope, normal):
-        one[:count, :count] += motions.prior(found.pose).normal
-    scores = own * (found.weight * found.residual)[inside, None]
-    block = pair.block[inside]
-    sums = np.stack([np.bincount(block, one) for one in scores.T], axis=1)
+        one[:count, :count] += prior.normal
+    scores = own * (weight * found.residual[inside])
+    sums = np.stack([np.bincount(block, one) for one in scores])
     used = max(int(np.count_nonzero(np.bincount(block))), 2)
-    inverse = _bounded_inverse(slope, normal)
-    made = inverse @ (sums.T @ sums) @ inverse * (used / (used - 1))
-    return np.asarray(made[:count, :count])
+    total = sums.sum(axis=1)
+    total[:count] += prior.right
+    return _Scores(
+        slope=slope,
+        normal=normal,
+        total=total,
+        scatter=np.asarray((sums @ sums.T) * (used / (used - 1))),
+    )
 
 
 def _bounded_inverse(slope: FloatArray, normal: FloatArray) -> FloatArray:
@@ -261,9 +300,23 @@ _K1_SIGNIFICANT = 1.4
 """Standard errors from which a distortion is kept: from sqrt(2) on it predicts better than 0 does
 (H. Akaike, "A new look at the statistical model identification", 1974)."""
 
+_K1_POSSIBLE = 1.0
+"""Standard errors that a first step from no distortion must reach, for one to be fitted."""
+
+_K1 = 8
+"""Its number among the motions."""
+
 _JUDGED_PX = 300_000
 _CORRELATION_LOSS = 0.02
 """Of the locally normalised photographs: a descent that loses more went astray."""
+
+_STILL = 0.2
+"""Pixels that no descent loses so much by: both photographs are smoothed by 1 px, so that the
+correlation falls by the square of the distance over 4."""
+
+_GRID = 9
+_AROUND = 0.1
+"""Points along each axis at which poses are compared, also so much of the frame outside it."""
 
 _TRUSTED_MATCHES = 20
 _STRAY = 1.3
@@ -402,8 +455,25 @@ def _is_worse(
     rows, cols = photographs[1].shape
     seen_at = max(factor // 2, 1)
     seen_at *= max(round(sqrt(rows * cols / seen_at**2 / _JUDGED_PX)), 1)
+    if _moved_px(found, start) < _STILL * seen_at * start.zoom:
+        return False
     after, before = (correlation_at(*photographs, pose, seen_at) for pose in (found, start))
     return after < before - _CORRELATION_LOSS
+
+
+def _moved_px(found: DistortedPose, start: DistortedPose) -> float:
+    """Largest distance in px of the source between two poses, over what it shows."""
+    rows, cols = start.followup_shape
+    y, x = (
+        at.ravel()
+        for at in np.meshgrid(
+            np.linspace(0.0, rows - 1.0, _GRID), np.linspace(0.0, cols - 1.0, _GRID), indexing="ij"
+        )
+    )
+    places = start.to_reference_px(y, x)
+    apart = np.hypot(*(a - b for a, b in zip(found.to_reference_px(y, x), places, strict=True)))
+    shown = apart[start.shows(*places, margin=_AROUND)]
+    return float(shown.max()) if len(shown) else np.inf
 
 
 def _best_fit(level: LevelPair, pose: DistortedPose, *, is_one_camera: bool) -> RefinedPose | None:
@@ -424,26 +494,29 @@ def _unbent_fit(
         lens = _distorted_fit(level, pose)
         if lens is not None:
             return lens
-    straight = _fit(level, pose.with_(pose.matrix, 0.0), fits_distortion=False)
-    if straight is None or not is_one_camera or pose.k1 != 0:
-        return straight
-    # What was fitted without a distortion is a nearer start, as it makes up for none.
-    return _distorted_fit(level, straight[0].pose) or straight
+    motions, found = refined_at(level, pose.with_(pose.matrix, 0.0))
+    if found is None:
+        return None
+    if not is_one_camera or pose.k1 != 0:
+        return _with_errors(level, motions, found, _scores(level, motions, found)), found
+    bent = PoseMotions(level.y_px, level.x_px, level.target_shape, fits_distortion=True)
+    scores = _scores(level, bent, found)
+    k1_err = sqrt(max(scores.covariance()[_K1, _K1], 0.0))
+    if abs(scores.step()[_K1]) > _K1_POSSIBLE * k1_err:
+        # What was fitted without a distortion is a nearer start, as it makes up for none.
+        lens = _distorted_fit(level, found.pose)
+        if lens is not None:
+            return lens
+    return _with_errors(level, motions, found, scores.without(_K1)), found
 
 
 def _distorted_fit(level: LevelPair, pose: DistortedPose) -> tuple[RefinedPose, Residuals] | None:
     """Fit with the lens's distortion; None where it does not stand out."""
-    lens = _fit(level, pose, fits_distortion=True)
-    if lens is None or not abs(lens[0].pose.k1) > _K1_SIGNIFICANT * lens[0].errors.k1_err:
+    motions, found = refined_at(level, pose, fits_distortion=True)
+    if found is None:
         return None
-    return lens
-
-
-def _fit(
-    level: LevelPair, pose: DistortedPose, *, fits_distortion: bool
-) -> tuple[RefinedPose, Residuals] | None:
-    motions, found = refined_at(level, pose, fits_distortion=fits_distortion)
-    return None if found is None else (_with_errors(level, motions, found), found)
+    made = _with_errors(level, motions, found, _scores(level, motions, found))
+    return (made, found) if abs(found.pose.k1) > _K1_SIGNIFICANT * made.errors.k1_err else None
 
 
 def _bent_fit(level: LevelPair, pose: DistortedPose) -> RefinedPose | None:
@@ -462,19 +535,21 @@ def _bent_fit(level: LevelPair, pose: DistortedPose) -> RefinedPose | None:
             pose = _bent(pose, _bend_of(level, state))
     if best is None:
         return None
-    made = _with_errors(level, *best)
+    made = _with_errors(level, *best, _scores(level, *best))
     own_px = _bend_of(level, best[1]).place_err_px() * made.pose.zoom
     errors = replace(made.errors, place_err_px=hypot(made.errors.place_err_px, own_px))
     return replace(made, errors=errors)
 
 
-def _with_errors(level: LevelPair, motions: PoseMotions, found: Residuals) -> RefinedPose:
+def _with_errors(
+    level: LevelPair, motions: PoseMotions, found: Residuals, scores: _Scores
+) -> RefinedPose:
     kept = found.inside & (np.abs(found.relative) < 1)
     measured, residual = level.measured[kept], found.residual[kept]
     offset = found.light_columns[kept, 6:12] @ found.light[6:12]
     return RefinedPose(
         pose=found.pose,
-        errors=_place_errors(level, motions, found),
+        errors=_place_errors(motions, found, scores),
         correlation=float(np.corrcoef(measured - residual - offset, measured - offset)[0, 1]),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )
