@@ -78,8 +78,6 @@ class LevelPair:
         near = near.smoothed(*_missing_blur_px(pose, psf, factor, self._source_factor))
         self._coefficients = spline_filter(near.levels, order=3, output=np.float32, mode="reflect")
         self._near_usable = near.usable
-        if factor > 1:
-            samples = min(samples, max(round(far.levels.size / _STRIDE_PX), _START_SAMPLES))
         y, x = _samples(far, samples, pose.overlap)
         places = ((at.astype(np.float64) + 0.5) * factor - 0.5 for at in (y, x))
         near_source = pose.shows(*pose.to_reference_px(*places), margin=_AROUND)
@@ -151,6 +149,14 @@ class LevelPair:
         # numpy's third power takes twenty times as long.
         np.multiply(columns[-2], centred, out=columns[-1])
         return columns.T
+
+
+def start_samples(shape: tuple[int, int], factor: int, most: int) -> int:
+    """Number of samples of a reduced photograph whose pose is the start at a finer resolution."""
+    if factor == 1:
+        return most
+    enough = max(round(shape[0] * shape[1] / (factor**2 * _STRIDE_PX)), _START_SAMPLES)
+    return min(enough, most)
 
 
 def _samples(far: AlignedPhotograph, most: int, overlap: float) -> tuple[IntArray, IntArray]:

@@ -15,7 +15,13 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from calibration.registration._agreement import AlignedPhotograph, comparison_factor, correlation_at
-from calibration.registration._descent import LevelPair, PoseDescent, PoseMotions, Residuals
+from calibration.registration._descent import (
+    LevelPair,
+    PoseDescent,
+    PoseMotions,
+    Residuals,
+    start_samples,
+)
 from calibration.registration._distorted_pose import (
     DistortedPose,
     FeatureMatches,
@@ -23,6 +29,7 @@ from calibration.registration._distorted_pose import (
 )
 from simulation import GaussianPsf
 from simulation.arrays import BoolArray, FloatArray
+from simulation.pose import DISTORTION_MAX
 
 _SPANS = 6
 """Pieces of the displacement along the longer side."""
@@ -303,6 +310,9 @@ _K1_SIGNIFICANT = 1.4
 _K1_POSSIBLE = 1.0
 """Standard errors that a first step from no distortion must reach, for one to be fitted."""
 
+_K1_NEAR_LIMIT = 0.8
+"""Of the largest distortion that is fitted."""
+
 _K1 = 8
 """Its number among the motions."""
 
@@ -380,10 +390,12 @@ def refined_pose(
     """
     factor = 2 * comparison_factor(start)
     best: RefinedPose | None = None
+    best_factor = 1
     pose = start
     while factor > 1:
         factor //= 2
-        level = LevelPair(photographs, pose, psf, factor, _SAMPLES)
+        samples = start_samples(photographs[1].shape, factor, _SAMPLES)
+        level = LevelPair(photographs, pose, psf, factor, samples)
         found = _best_fit(level, pose, is_one_camera=is_one_camera)
         if found is None or strays(found.pose, start, matches):
             continue
@@ -395,8 +407,12 @@ def refined_pose(
         # scatter less there.
         most = _NOISY * best.errors.place_err_px if best is not None else np.inf
         if found.errors.place_err_px < most or found.pose.displacement is not None:
-            best = found
+            best, best_factor = found, factor
         pose = best.pose if best is not None else pose
+    if best is not None and best_factor > 1:
+        # No start any more: all that it shows counts.
+        level = LevelPair(photographs, best.pose, psf, best_factor, _SAMPLES)
+        best = _best_fit(level, best.pose, is_one_camera=is_one_camera) or best
     if best is not None and is_one_camera and _may_be_unmoved(photographs, best.pose, psf):
         return replace(best, pose=_unmoved(best.pose))
     return best
@@ -515,6 +531,8 @@ def _distorted_fit(level: LevelPair, pose: DistortedPose) -> tuple[RefinedPose, 
     motions, found = refined_at(level, pose, fits_distortion=True)
     if found is None:
         return None
+    if level.factor > 1 and abs(found.pose.k1) > _K1_NEAR_LIMIT * DISTORTION_MAX:
+        return None  # a descent that ends at the limit would stay there at every finer level
     made = _with_errors(level, motions, found, _scores(level, motions, found))
     return (made, found) if abs(found.pose.k1) > _K1_SIGNIFICANT * made.errors.k1_err else None
 
