@@ -35,7 +35,7 @@ from calibration.registration._agreement import (
     correlation_at,
     seen_by,
 )
-from calibration.registration._descent import LevelPair, start_samples
+from calibration.registration._descent import LevelPair
 from calibration.registration._distorted_pose import DistortedPose, FeatureMatches
 from calibration.registration._features import (
     ImageFeatures,
@@ -277,8 +277,7 @@ def _refined_and_judged(
 ) -> Candidate | None:
     directed = start
     for one in factors:
-        samples = start_samples(directed.target.shape, one, _SAMPLES)
-        level = LevelPair(directed.photographs, directed.pose, pair.psf, one, samples)
+        level = LevelPair(directed.photographs, directed.pose, pair.psf, one, _SAMPLES)
         _, fit = refined_at(level, directed.pose)
         if fit is None or not is_plausible(fit.pose.matrix, directed.target.shape, None):
             break

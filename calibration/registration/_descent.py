@@ -41,10 +41,6 @@ _STRIDE_PX = 6.0
 """Pixels to a sample, beyond which a small overlap is sampled more closely: correlated noise leaves
 about 4 pi smoothing^2 pixels to one that is independent, and detail more."""
 
-_START_SAMPLES = 8000
-"""Of a reduced photograph, whose pose is the start at a finer resolution: so many as there are at
-least, or one to a stride."""
-
 _FLAT = 1e-3
 """Of the rms slope, below which samples of a drawing are flat: 9 of 10 of all agree to the bit, and
 say nothing of the scatter of the others."""
@@ -149,14 +145,6 @@ class LevelPair:
         # numpy's third power takes twenty times as long.
         np.multiply(columns[-2], centred, out=columns[-1])
         return columns.T
-
-
-def start_samples(shape: tuple[int, int], factor: int, most: int) -> int:
-    """Number of samples of a reduced photograph whose pose is the start at a finer resolution."""
-    if factor == 1:
-        return most
-    enough = max(round(shape[0] * shape[1] / (factor**2 * _STRIDE_PX)), _START_SAMPLES)
-    return min(enough, most)
 
 
 def _samples(far: AlignedPhotograph, most: int, overlap: float) -> tuple[IntArray, IntArray]:

@@ -15,13 +15,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from calibration.registration._agreement import AlignedPhotograph, comparison_factor, correlation_at
-from calibration.registration._descent import (
-    LevelPair,
-    PoseDescent,
-    PoseMotions,
-    Residuals,
-    start_samples,
-)
+from calibration.registration._descent import LevelPair, PoseDescent, PoseMotions, Residuals
 from calibration.registration._distorted_pose import (
     DistortedPose,
     FeatureMatches,
@@ -29,7 +23,6 @@ from calibration.registration._distorted_pose import (
 )
 from simulation import GaussianPsf
 from simulation.arrays import BoolArray, FloatArray
-from simulation.pose import DISTORTION_MAX
 
 _SPANS = 6
 """Pieces of the displacement along the longer side."""
@@ -192,55 +185,12 @@ class _PlaceErrors:
     k1_err: float
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Scores:
-    """Normal equations of a pose's motions, then of the light, at a pose of least cost.
-
-    The derivative of the scores, the normal equations, the scores, and the sum over blocks of the
-    products of their scores.
-    """
-
-    slope: FloatArray = field(repr=False)
-    normal: FloatArray = field(repr=False)
-    total: FloatArray = field(repr=False)
-    scatter: FloatArray = field(repr=False)
-
-    def without(self, number: int) -> "_Scores":
-        """The same with one parameter held where it is."""
-        rest = np.delete(np.arange(len(self.total)), number)
-        both = np.ix_(rest, rest)
-        return _Scores(
-            slope=self.slope[both],
-            normal=self.normal[both],
-            total=self.total[rest],
-            scatter=self.scatter[both],
-        )
-
-    def covariance(self) -> FloatArray:
-        """Covariance of the parameters, by the sandwich formula.
-
-        References
-        ----------
-        H. White, "A heteroskedasticity-consistent covariance matrix estimator and a direct test for
-        heteroskedasticity", 1980; with blocks as clusters.
-        """
-        inverse = _bounded_inverse(self.slope, self.normal)
-        return np.asarray(inverse @ self.scatter @ inverse)
-
-    def step(self) -> FloatArray:
-        """Change of the parameters that the scores ask for."""
-        scale = 1 / np.sqrt(np.maximum(np.diag(self.normal), 1e-300))
-        normal = self.normal * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-        return np.asarray(scale * np.linalg.solve(normal, scale * self.total))
-
-
-def _place_errors(motions: PoseMotions, found: Residuals, scores: _Scores) -> _PlaceErrors:
+def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _PlaceErrors:
     """Standard errors of a pose of least cost."""
     chosen = np.flatnonzero(found.inside)
     chosen = chosen[:: max(len(chosen) // _SHOWN_SAMPLES, 1)]
     flows = motions.flows(found.pose)
-    count = flows[0].shape[1]
-    covariance = scores.covariance()[:count, :count]
+    covariance = _covariance(pair, motions, found)
     variance = sum(
         float(np.mean(np.sum((along[chosen] @ covariance) * along[chosen], axis=1)))
         for along in flows
@@ -251,11 +201,16 @@ def _place_errors(motions: PoseMotions, found: Residuals, scores: _Scores) -> _P
     )
 
 
-def _scores(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _Scores:
-    """Normal equations and scores of a pose, by blocks.
+def _covariance(pair: LevelPair, motions: PoseMotions, found: Residuals) -> FloatArray:
+    """Covariance of the parameters, by the sandwich formula with sums over blocks.
 
     The two photographs' noise is independent: the derivative of the scores is the product of the
     one's slopes with the other's, into which no noise enters.
+
+    References
+    ----------
+    H. White, "A heteroskedasticity-consistent covariance matrix estimator and a direct test for
+    heteroskedasticity", 1980; with blocks as clusters.
     """
     inside = found.inside
     along_x, along_y = (along[inside].T for along in motions.flows(found.pose))
@@ -272,20 +227,14 @@ def _scores(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _Scores:
     weight, block = found.weight[inside], pair.block[inside]
     weighted = own * np.sqrt(weight)
     normal = weighted @ weighted.T
-    prior = motions.prior(found.pose)
     for one in (slope, normal):
-        one[:count, :count] += prior.normal
+        one[:count, :count] += motions.prior(found.pose).normal
     scores = own * (weight * found.residual[inside])
     sums = np.stack([np.bincount(block, one) for one in scores])
     used = max(int(np.count_nonzero(np.bincount(block))), 2)
-    total = sums.sum(axis=1)
-    total[:count] += prior.right
-    return _Scores(
-        slope=slope,
-        normal=normal,
-        total=total,
-        scatter=np.asarray((sums @ sums.T) * (used / (used - 1))),
-    )
+    inverse = _bounded_inverse(slope, normal)
+    made = inverse @ (sums @ sums.T) @ inverse * (used / (used - 1))
+    return np.asarray(made[:count, :count])
 
 
 def _bounded_inverse(slope: FloatArray, normal: FloatArray) -> FloatArray:
@@ -306,15 +255,6 @@ _SAMPLES = 60_000
 _K1_SIGNIFICANT = 1.4
 """Standard errors from which a distortion is kept: from sqrt(2) on it predicts better than 0 does
 (H. Akaike, "A new look at the statistical model identification", 1974)."""
-
-_K1_POSSIBLE = 1.0
-"""Standard errors that a first step from no distortion must reach, for one to be fitted."""
-
-_K1_NEAR_LIMIT = 0.8
-"""Of the largest distortion that is fitted."""
-
-_K1 = 8
-"""Its number among the motions."""
 
 _JUDGED_PX = 300_000
 _CORRELATION_LOSS = 0.02
@@ -390,12 +330,10 @@ def refined_pose(
     """
     factor = 2 * comparison_factor(start)
     best: RefinedPose | None = None
-    best_factor = 1
     pose = start
     while factor > 1:
         factor //= 2
-        samples = start_samples(photographs[1].shape, factor, _SAMPLES)
-        level = LevelPair(photographs, pose, psf, factor, samples)
+        level = LevelPair(photographs, pose, psf, factor, _SAMPLES)
         found = _best_fit(level, pose, is_one_camera=is_one_camera)
         if found is None or strays(found.pose, start, matches):
             continue
@@ -407,12 +345,8 @@ def refined_pose(
         # scatter less there.
         most = _NOISY * best.errors.place_err_px if best is not None else np.inf
         if found.errors.place_err_px < most or found.pose.displacement is not None:
-            best, best_factor = found, factor
+            best = found
         pose = best.pose if best is not None else pose
-    if best is not None and best_factor > 1:
-        # No start any more: all that it shows counts.
-        level = LevelPair(photographs, best.pose, psf, best_factor, _SAMPLES)
-        best = _best_fit(level, best.pose, is_one_camera=is_one_camera) or best
     if best is not None and is_one_camera and _may_be_unmoved(photographs, best.pose, psf):
         return replace(best, pose=_unmoved(best.pose))
     return best
@@ -510,31 +444,26 @@ def _unbent_fit(
         lens = _distorted_fit(level, pose)
         if lens is not None:
             return lens
-    motions, found = refined_at(level, pose.with_(pose.matrix, 0.0))
-    if found is None:
-        return None
-    if not is_one_camera or pose.k1 != 0:
-        return _with_errors(level, motions, found, _scores(level, motions, found)), found
-    bent = PoseMotions(level.y_px, level.x_px, level.target_shape, fits_distortion=True)
-    scores = _scores(level, bent, found)
-    k1_err = sqrt(max(scores.covariance()[_K1, _K1], 0.0))
-    if abs(scores.step()[_K1]) > _K1_POSSIBLE * k1_err:
-        # What was fitted without a distortion is a nearer start, as it makes up for none.
-        lens = _distorted_fit(level, found.pose)
-        if lens is not None:
-            return lens
-    return _with_errors(level, motions, found, scores.without(_K1)), found
+    straight = _fit(level, pose.with_(pose.matrix, 0.0), fits_distortion=False)
+    if straight is None or not is_one_camera or pose.k1 != 0:
+        return straight
+    # What was fitted without a distortion is a nearer start, as it makes up for none.
+    return _distorted_fit(level, straight[0].pose) or straight
 
 
 def _distorted_fit(level: LevelPair, pose: DistortedPose) -> tuple[RefinedPose, Residuals] | None:
     """Fit with the lens's distortion; None where it does not stand out."""
-    motions, found = refined_at(level, pose, fits_distortion=True)
-    if found is None:
+    lens = _fit(level, pose, fits_distortion=True)
+    if lens is None or not abs(lens[0].pose.k1) > _K1_SIGNIFICANT * lens[0].errors.k1_err:
         return None
-    if level.factor > 1 and abs(found.pose.k1) > _K1_NEAR_LIMIT * DISTORTION_MAX:
-        return None  # a descent that ends at the limit would stay there at every finer level
-    made = _with_errors(level, motions, found, _scores(level, motions, found))
-    return (made, found) if abs(found.pose.k1) > _K1_SIGNIFICANT * made.errors.k1_err else None
+    return lens
+
+
+def _fit(
+    level: LevelPair, pose: DistortedPose, *, fits_distortion: bool
+) -> tuple[RefinedPose, Residuals] | None:
+    motions, found = refined_at(level, pose, fits_distortion=fits_distortion)
+    return None if found is None else (_with_errors(level, motions, found), found)
 
 
 def _bent_fit(level: LevelPair, pose: DistortedPose) -> RefinedPose | None:
@@ -553,21 +482,19 @@ def _bent_fit(level: LevelPair, pose: DistortedPose) -> RefinedPose | None:
             pose = _bent(pose, _bend_of(level, state))
     if best is None:
         return None
-    made = _with_errors(level, *best, _scores(level, *best))
+    made = _with_errors(level, *best)
     own_px = _bend_of(level, best[1]).place_err_px() * made.pose.zoom
     errors = replace(made.errors, place_err_px=hypot(made.errors.place_err_px, own_px))
     return replace(made, errors=errors)
 
 
-def _with_errors(
-    level: LevelPair, motions: PoseMotions, found: Residuals, scores: _Scores
-) -> RefinedPose:
+def _with_errors(level: LevelPair, motions: PoseMotions, found: Residuals) -> RefinedPose:
     kept = found.inside & (np.abs(found.relative) < 1)
     measured, residual = level.measured[kept], found.residual[kept]
     offset = found.light_columns[kept, 6:12] @ found.light[6:12]
     return RefinedPose(
         pose=found.pose,
-        errors=_place_errors(motions, found, scores),
+        errors=_place_errors(level, motions, found),
         correlation=float(np.corrcoef(measured - residual - offset, measured - offset)[0, 1]),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )
