@@ -35,7 +35,7 @@ _NORMALISED_SIGMA_PX = 1.0
 _NORMALISED_DN = 40.0
 _NOISE_PER_LAPLACIAN = 1 / np.sqrt(20.0)
 _CONTRAST_FLOOR = 0.02
-_WORKED_ON_PX: dict[Look, float] = {"quick": 0.15e6, "plain": 1.0e6, "closer": 3.0e6}
+_WORKED_ON_PX: dict[Look, float] = {"quick": 0.3e6, "plain": 1.0e6, "closer": 3.0e6}
 """Pixels above which an image is reduced first, by how closely it is looked at."""
 
 _RATIO_TEST = 0.8  # D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004
@@ -199,7 +199,7 @@ def features_of(
 ) -> ImageFeatures:
     """SIFT features of a grey image of finite levels, on its usable pixels; there may be none.
 
-    A quick look tells most poses, in a fifth of the time. A closer look takes the levels as they
+    A quick look tells most poses, in less time. A closer look takes the levels as they
     are, at a higher resolution: the finest details, where perspective or haze leaves nothing else
     in common.
     """
