@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 
 from acquisition.files import StoredModel
 from calibration.choices import TargetChoice
+from calibration.edges._compressed import mtf50_error_behind
 from calibration.edges._detection import beside_target, find_edges, star_spokes
 from calibration.edges._esfr import (
     WIDEST_GAP_PX,
@@ -189,6 +190,8 @@ _SIGMA_STEP = 1e-4  # relative
 # Relative change of MTF50 by a slope of this share of the contrast: contrast is told from a band
 # twice as wide as the one that the width is fitted in.
 _MTF50_BY_SLOPE = 2.5
+_BESIDE_CLIPPED = "pixels beside the edge are clipped"
+_FORM = 0.015  # of MTF50: what the Gaussian of diffraction and aberrations is off by
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
 
@@ -351,14 +354,15 @@ def _measured_edge(
     is_seen = is_clipped or _is_seen(fit, samples)
     if not (is_seen or _is_at_border(fit, image.shape, near_px)):
         return None
-    binned, contrast = None, _Contrast(missing="pixels beside the edge are clipped")
+    binned, contrast = None, _Contrast(missing=_BESIDE_CLIPPED)
     if not is_clipped:
         on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
         even = without_shading(samples, image, segment, fit)
         border = border_flags(even, fit, is_jpeg=source.is_jpeg)
         fit = replace(fit, flags=(*fit.flags, *border))
         binned = bin_edge(even, on_sensor, source.pitch_px)
-        contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor)).widened(fit, compression)
+        contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor))
+        contrast = contrast.widened(segment, fit, compression)
     rough_px = roughness_px(samples, fit.sigma_px)
     if method == "paper":
         widened = _lsf_fit(edge_samples(image, segment, fit, near_px), fit)
@@ -409,6 +413,11 @@ class _Contrast:
     esfr: EdgeSfr | None = None
     missing: str | None = None
 
+    @property
+    def is_beside_clipped(self) -> bool:
+        """Whether there is none as pixels beside the edge are clipped."""
+        return self.missing == _BESIDE_CLIPPED
+
     @classmethod
     def of(cls, binned: BinnedEdge | None, gaussian: _Gaussian) -> "_Contrast":
         if binned is None:
@@ -424,19 +433,18 @@ class _Contrast:
             return cls(missing=gap_message(binned, gap_px))
         return cls(esfr=esfr)
 
-    def widened(self, fit: EdgeFit, compression: JpegCompression | None) -> "_Contrast":
+    def widened(
+        self, segment: EdgeSegment, fit: EdgeFit, compression: JpegCompression | None
+    ) -> "_Contrast":
         """The same with what uneven light and compression may have done to MTF50 in its error."""
         if self.esfr is None:
             return self
         mtf50, err = self.esfr.mtf50_cy_per_px, self.esfr.mtf50_err_cy_per_px
         if mtf50 is None or err is None:
             return self
-        by_slope, by_steps = _MTF50_BY_SLOPE * fit.slope_left, 0.0
         if compression is not None:
-            by_steps = compression.mtf50_error(
-                mtf50, fit.normal_rad, (fit.low_dn, fit.high_dn), fit.length_px
-            )
-        err = math.hypot(err, mtf50 * by_slope, mtf50 * by_steps)
+            err = mtf50 * mtf50_error_behind(compression, segment, fit, self.esfr)
+        err = math.hypot(err, mtf50 * _MTF50_BY_SLOPE * fit.slope_left)
         return replace(self, esfr=replace(self.esfr, mtf50_err_cy_per_px=err))
 
 
@@ -450,6 +458,8 @@ def _measurement(
     """The edge in sensor pixels."""
     esfr = contrast.esfr
     gaussian = _gaussian_mtf50(fit)
+    if contrast.is_beside_clipped:  # nothing else tells how far the lens is from a Gaussian
+        gaussian = _Gaussian(gaussian.mtf50, math.hypot(gaussian.err, _FORM * gaussian.mtf50))
     return EdgeMeasurement(
         image=source.name,
         capture=source.capture,

@@ -262,7 +262,10 @@ def test_what_was_being_compressed_when_the_camera_went_mute_is_not_sent(
             const compress = HTMLCanvasElement.prototype.toBlob;
             HTMLCanvasElement.prototype.toBlob = function (done, ...how) {
                 window.compressing = (window.compressing ?? 0) + 1;
-                const late = (blob) => setTimeout(() => { window.compressing -= 1; done(blob); }, 2000);
+                const late = (blob) => setTimeout(() => {
+                    window.compressing -= 1;
+                    done(blob);
+                }, 2000);
                 compress.call(this, late, ...how);
             };
         }""")
