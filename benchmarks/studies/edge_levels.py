@@ -264,6 +264,6 @@ def main(
     edges = edges or record.pick(1000, 50)
     _eight_bits(record, edges)
     _jpegs(record, edges)
-    _mtf50s(record, record.pick(500, 24))
+    _mtf50s(record, record.pick(300, 24))
     _squares(record, record.pick(480, 24))
     _boards(record, record.pick(40, 2))

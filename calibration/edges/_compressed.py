@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.edges._esfr import EdgeSfr, esfr_half_width_px, measure_esfr
-from calibration.edges._fit import EdgeFit, JpegCompression
+from calibration.edges._fit import EVEN_CODE, EdgeFit, JpegCompression
 from calibration.edges._model import edge_shape
 from calibration.edges._rounded import BLOCK, cosine_transform
 from calibration.edges._samples import bin_edge, edge_samples, shape_values
@@ -28,7 +28,6 @@ _DRAWS = 8
 _LONGEST_PX = 64.0  # of the edge: what is lost in blocks further along scatters alike
 _LEAST_NOISE = sqrt(1 / 12)  # of codes, before compression: their own rounding
 _PROFILE_STEP_PX = 0.05
-_EVEN_CODE = 128.0  # taken off before the transform
 _UNKNOWN = 1.0  # relative error of MTF50 where compression often leaves none
 _SEED = 1
 _TRANSFORM = cosine_transform()
@@ -41,9 +40,9 @@ def compressed_codes(codes: FloatArray, compression: JpegCompression) -> FloatAr
     """
     rows, cols = codes.shape
     blocks = codes.reshape(rows // BLOCK, BLOCK, cols // BLOCK, BLOCK).swapaxes(1, 2)
-    cosines = _TRANSFORM @ (blocks - _EVEN_CODE) @ _TRANSFORM.T
+    cosines = _TRANSFORM @ (blocks - EVEN_CODE) @ _TRANSFORM.T
     kept = np.rint(cosines / compression.steps) * compression.steps
-    decoded = _TRANSFORM.T @ kept @ _TRANSFORM + _EVEN_CODE
+    decoded = _TRANSFORM.T @ kept @ _TRANSFORM + EVEN_CODE
     return np.clip(np.rint(decoded), 0, 255).swapaxes(1, 2).reshape(rows, cols)
 
 
@@ -93,7 +92,7 @@ def _changes(
 
 
 class _ProfiledEdge:
-    """The whole blocks about a piece of an edge, with the measured profile and its noise."""
+    """The whole blocks about a piece of an edge, with a profile of it and its noise."""
 
     def __init__(
         self,

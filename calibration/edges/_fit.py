@@ -46,7 +46,7 @@ from simulation.compiled import compiled, compiled_part
 
 _SIDE = 8
 _CODES = 256
-_EVEN_CODE = 128  # taken off before the transform
+EVEN_CODE = 128  # taken off before the transform
 _ROUNDED_VARIANCE = 25.0  # of the variance, without noise: benchmarks/studies/edge_levels.py
 _RECOVERED = 3.0  # codes: from this step on, the rounding of decoded codes hides no multiple
 _ROUNDING = 1 / 12  # codes^2: of the codes before compression, and of those after it
@@ -257,7 +257,7 @@ def _with_bounds(pixels: BandPixels, steps: FloatArray, code_levels_dn: FloatArr
     lower, upper = np.empty(count), np.empty(count)
     extra, weights = np.full(count, _ROUNDING), np.ones(count)
     for k in range(0, count, _SIDE**2):
-        block = pixels.values[k : k + _SIDE**2].reshape(_SIDE, _SIDE) - _EVEN_CODE
+        block = pixels.values[k : k + _SIDE**2].reshape(_SIDE, _SIDE) - EVEN_CODE
         is_flat = block.max() - block.min() <= _FLAT_CODES
         cosines = transform @ block @ transform.T
         for i in range(_SIDE):
@@ -283,7 +283,8 @@ _NOISIEST_ERROR = 0.1  # of sigma: what tells it no better is as likely to be so
 CLIPPED_FRACTION = 0.05  # of the pixels: from here on the fit relies on what is not clipped
 _SEEN_LEAST = 0.85  # of the rise
 # Relative error of sigma by the share of the rise that is not seen, as no lens is quite Gaussian:
-# behind diffraction and aberrations a tenth costs 3 to 5 %, a twentieth 2 % (the bench's lenses).
+# behind diffraction and aberrations a tenth costs 3 to 6 %, a twentieth 2 to 4 % (lenses of the
+# public benchmark).
 _SIGMA_BY_UNSEEN = 0.4
 _CLIPPED_ERROR = 0.05  # of sigma: what is left then does not tell the width
 _SIGMA_BY_SLOPE = 1.0  # relative change of sigma by a slope of this share of the contrast

@@ -190,8 +190,6 @@ _SIGMA_STEP = 1e-4  # relative
 # Relative change of MTF50 by a slope of this share of the contrast: contrast is told from a band
 # twice as wide as the one that the width is fitted in.
 _MTF50_BY_SLOPE = 2.5
-_BESIDE_CLIPPED = "pixels beside the edge are clipped"
-_FORM = 0.015  # of MTF50: what the Gaussian of diffraction and aberrations is off by
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
 
@@ -354,7 +352,7 @@ def _measured_edge(
     is_seen = is_clipped or _is_seen(fit, samples)
     if not (is_seen or _is_at_border(fit, image.shape, near_px)):
         return None
-    binned, contrast = None, _Contrast(missing=_BESIDE_CLIPPED)
+    binned, contrast = None, _Contrast(missing="pixels beside the edge are clipped")
     if not is_clipped:
         on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
         even = without_shading(samples, image, segment, fit)
@@ -413,11 +411,6 @@ class _Contrast:
     esfr: EdgeSfr | None = None
     missing: str | None = None
 
-    @property
-    def is_beside_clipped(self) -> bool:
-        """Whether there is none as pixels beside the edge are clipped."""
-        return self.missing == _BESIDE_CLIPPED
-
     @classmethod
     def of(cls, binned: BinnedEdge | None, gaussian: _Gaussian) -> "_Contrast":
         if binned is None:
@@ -458,8 +451,6 @@ def _measurement(
     """The edge in sensor pixels."""
     esfr = contrast.esfr
     gaussian = _gaussian_mtf50(fit)
-    if contrast.is_beside_clipped:  # nothing else tells how far the lens is from a Gaussian
-        gaussian = _Gaussian(gaussian.mtf50, math.hypot(gaussian.err, _FORM * gaussian.mtf50))
     return EdgeMeasurement(
         image=source.name,
         capture=source.capture,
