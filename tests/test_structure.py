@@ -124,7 +124,8 @@ def test_parts_of_compiled_code_that_take_time_are_not_called_from_python() -> N
 
 
 AS_FAST = {"is_more_likely", "_no_edge", "project", "projection_depth", "projection_slopes"} | {
-    "robust_sigma"
+    "cosine_transform",
+    "robust_sigma",
 }
 """A few numbers, or numpy's own loops."""
 

@@ -32,6 +32,7 @@ from acquisition.errors import (
     DeviceDisconnectedError,
     DeviceError,
     DeviceInUseError,
+    DeviceProtocolError,
     DeviceTimeoutError,
     StreamInterruptedError,
 )
@@ -453,8 +454,9 @@ class AravisCamera:
         while True:
             try:
                 self._connection = self._connect(self._config)
-            except (DeviceDisconnectedError, DeviceInUseError) as error:
-                # Until the lost connection's heartbeat expires, the camera refuses a new one.
+            except (DeviceDisconnectedError, DeviceInUseError, DeviceProtocolError) as error:
+                # Until the lost connection's heartbeat expires, the camera refuses a new one;
+                # while it starts, its answers may be wrong.
                 if self._clock() >= deadline_s:
                     raise DeviceDisconnectedError(
                         "the camera was lost and did not come back within "

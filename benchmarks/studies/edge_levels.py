@@ -1,4 +1,4 @@
-"""Widths of edges in few levels, and behind JPEG: how often the 95 % interval holds the truth.
+"""Widths and MTF50 of edges in few levels, and behind JPEG: how often 95 % intervals hold.
 
 The truth is a closed form (an edge behind square pixels, at any angle); the files are rounded to
 8 bits, and compressed by OpenCV. Errors are in units of the standard error that each fit states:
@@ -17,13 +17,20 @@ from PIL import Image
 
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.scoring import Errors
-from benchmarks.truth.edges import Rectangle, exact_edge, patches, pixel_means
-from calibration.edges import EdgeImage, JpegCompression, find_edges, fit_edge
+from benchmarks.truth.edges import Rectangle, exact_edge, gaussian_mtf50, patches, pixel_means
+from calibration.edges import (
+    EdgeImage,
+    EdgeSelection,
+    JpegCompression,
+    find_edges,
+    fit_edge,
+)
 from calibration.psf import psf_of_images
 from simulation.arrays import FloatArray
 
 Range = tuple[float, float]
 LEAST_SIDE_PX, LARGEST_SIDE_PX = 90, 130
+SIDE_PX = 100
 BOARD_SHAPE, BOARD_FIELDS = (280, 340), (6, 8)
 COLUMNS = "rms   most  in 95 %  rms %  worst %  missed"
 
@@ -114,6 +121,50 @@ def _side_errors(squares: int, side_px: int, noise_dn: Range, quality: int) -> E
             yield white - contrast * cover + noise * rng.standard_normal(cover.shape), sigma
 
     return _fitted(images(np.random.default_rng(3)), quality, sides=4)
+
+
+def mtf50_errors(edges: int, sigma_px: float, quality: int, seed: int) -> Errors:
+    """Measure MTF50 of edges of 100 px, in 8 bits, behind JPEG where there is a ``quality``."""
+    rng, errors = np.random.default_rng(seed), Errors()
+    y, x = np.mgrid[:SIDE_PX, :SIDE_PX] - (SIDE_PX - 1) / 2
+    for _ in range(edges):
+        normal = rng.uniform(0, 2 * np.pi)
+        contrast, noise = rng.uniform(40, 200), rng.uniform(0.5, 2)
+        low = rng.uniform(15, 235 - contrast)
+        place = [normal, rng.uniform(-1, 1)]
+        truth = np.array([*place, 0, np.log(sigma_px), low, low + contrast])
+        levels = exact_edge(truth, x, y) + noise * rng.standard_normal(x.shape)
+        compression = None
+        if quality:
+            levels, compression = compressed(levels, quality)
+        source = EdgeImage(
+            name="edge",
+            image_dn=np.clip(np.rint(levels), 0, 255),
+            saturation_dn=255.0,
+            is_jpeg=compression is not None,
+            compression=compression,
+        )
+        measured = EdgeSelection().measured_in(source, "all-angles")
+        if measured:
+            edge = max(measured, key=lambda edge: edge.length_px)
+            value, err = edge.esfr_mtf50_cy_per_px, edge.esfr_mtf50_err_cy_per_px
+            errors.add(value, err, gaussian_mtf50(sigma_px, normal))
+        else:
+            errors.missed += 1
+    return errors
+
+
+def _mtf50s(record: Recorder, edges: int) -> None:
+    record.say(f"\nMTF50, contrast 40 to 200, noise 0.5 to 2, {edges} edges of 100 px a line")
+    record.say(f"  quality  sigma    {COLUMNS}")
+    for quality in (0, 95, 90, 85, 75):
+        for sigma in (0.7, 1.0, 1.5, 2.0):
+            errors = mtf50_errors(edges, sigma, quality, seed=4)
+            stored = f"JPEG {quality}" if quality else "8 bits"
+            name = f"MTF50, sigma {sigma}, {stored}"
+            record.figure(f"RMS of error over stated, {name}", errors.rms, "stated errors")
+            record.figure(f"in the 95 % interval, {name}", errors.coverage, "%")
+            record.say(f"  {quality:7d} {sigma:6.1f} {_line(errors)}")
 
 
 def _eight_bits(record: Recorder, edges: int) -> None:
@@ -213,5 +264,6 @@ def main(
     edges = edges or record.pick(1000, 50)
     _eight_bits(record, edges)
     _jpegs(record, edges)
+    _mtf50s(record, record.pick(300, 24))
     _squares(record, record.pick(480, 24))
     _boards(record, record.pick(40, 2))

@@ -16,7 +16,7 @@ ITU-T T.81 (1992), A.3.3 (the transform) and A.3.4 (the steps).
 """
 
 from dataclasses import dataclass, field, replace
-from math import ceil, cos, exp, floor, pi, sin, sqrt
+from math import ceil, cos, exp, floor, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -46,7 +46,7 @@ from simulation.compiled import compiled, compiled_part
 
 _SIDE = 8
 _CODES = 256
-_EVEN_CODE = 128  # taken off before the transform
+EVEN_CODE = 128  # taken off before the transform
 _ROUNDED_VARIANCE = 25.0  # of the variance, without noise: benchmarks/studies/edge_levels.py
 _RECOVERED = 3.0  # codes: from this step on, the rounding of decoded codes hides no multiple
 _ROUNDING = 1 / 12  # codes^2: of the codes before compression, and of those after it
@@ -57,9 +57,6 @@ _USUAL_NOISE = 0.7  # codes, before compression
 # 95, 85 and 75, where the mean step of the 16 lowest cosines is 1.6, 4.9 and 8.3 (contrast 40 to
 # 200, noise 0.5 to 2 codes).
 _ERROR_PER_STEP = 0.8
-# Relative error of MTF50 beyond its stated one, for a step in parts of the contrast at that
-# frequency, by an edge that is a block long: 288 edges of 53 px at qualities of 85 and 95.
-_MTF50_PER_STEP = 0.9
 _REC601 = np.array([0.299, 0.587, 0.114])  # of codes: ITU-T T.871, section 7
 _BESIDE_PX = 8.0  # of an edge
 _SHARE_GREY = 0.9  # of the pixels: other things may reach into the box about an edge
@@ -100,18 +97,6 @@ class JpegCompression:
         slopes = np.gradient(self.code_levels_dn)
         return ArtefactGradient(self.code_levels_dn, _STEPS_OF_ARTEFACT * codes_per_px * slopes)
 
-    def mtf50_error(
-        self, mtf50_cy_per_px: float, normal_rad: float, levels_dn: tuple[float, float], px: float
-    ) -> float:
-        """Relative error of the contrast's frequency of 50 % by steps of cosines there.
-
-        ``px`` is the length of the edge: blocks lose details independently.
-        """
-        index = 2 * _SIDE * mtf50_cy_per_px * np.abs([sin(normal_rad), cos(normal_rad)])
-        row, col = np.minimum(np.rint(index).astype(int), _SIDE - 1)
-        low, high = np.interp(levels_dn, self.code_levels_dn, np.arange(float(_CODES)))
-        return float(_MTF50_PER_STEP * self.steps[row, col] / (high - low) * sqrt(_SIDE / px))
-
     def cropped(self, top: int, left: int) -> "JpegCompression":
         """Return what holds for the plane without its first ``top`` rows and ``left`` columns."""
         return replace(
@@ -146,14 +131,14 @@ def _behind_compression(
     line: EdgeLine,
     clearance_px: float,
     compression: JpegCompression,
-) -> LikelyEdge:
-    """Return the fit with the widths before compression.
+) -> tuple[LikelyEdge, float | None]:
+    """Return the fit with the widths, and the noise in codes, before compression.
 
     With fewer than three whole blocks across the edge, with clipped pixels, or where the plane is
-    not the luma, the error of the decoded width grows by what was measured.
+    not the luma, the error of the decoded width grows by what was measured, the noise is not told.
     """
     if likely.is_censored or not compression.is_luma:
-        return _less_sure(likely, compression)
+        return _less_sure(likely, compression), None
     sigma = float(np.exp(likely.total.parameters[LOG_SIGMA]))
     data = _block_intervals(
         image_dn,
@@ -164,16 +149,16 @@ def _behind_compression(
         (compression.first_row, compression.first_col),
     )
     if len(data.lower) == 0:
-        return _less_sure(likely, compression)
+        return _less_sure(likely, compression), None
     starts = likely.total.parameters, likely.optical.parameters
     total, optical = maximise_intervals(data, starts, likely.optical.is_found)
     if not total.is_found:
-        return _less_sure(likely, compression)
-    return likely._replace(
-        total=_with_rounding(total),
-        optical=_with_rounding(optical),
-        is_square=is_more_likely(optical, total),
+        return _less_sure(likely, compression), None
+    is_square = is_more_likely(optical, total)
+    before = likely._replace(
+        total=_with_rounding(total), optical=_with_rounding(optical), is_square=is_square
     )
+    return before, float(np.mean((optical if is_square else total).noise_dn))
 
 
 def _with_rounding(found: LikelyParameters) -> WidthFit:
@@ -272,7 +257,7 @@ def _with_bounds(pixels: BandPixels, steps: FloatArray, code_levels_dn: FloatArr
     lower, upper = np.empty(count), np.empty(count)
     extra, weights = np.full(count, _ROUNDING), np.ones(count)
     for k in range(0, count, _SIDE**2):
-        block = pixels.values[k : k + _SIDE**2].reshape(_SIDE, _SIDE) - _EVEN_CODE
+        block = pixels.values[k : k + _SIDE**2].reshape(_SIDE, _SIDE) - EVEN_CODE
         is_flat = block.max() - block.min() <= _FLAT_CODES
         cosines = transform @ block @ transform.T
         for i in range(_SIDE):
@@ -296,9 +281,11 @@ def _with_bounds(pixels: BandPixels, steps: FloatArray, code_levels_dn: FloatArr
 NOISIEST_SNR = 3.0
 _NOISIEST_ERROR = 0.1  # of sigma: what tells it no better is as likely to be something else
 CLIPPED_FRACTION = 0.05  # of the pixels: from here on the fit relies on what is not clipped
-# Of the rise. Photographed edges that were clipped at 0.95 of it came out with 0.5 %, at
-# 0.9 with -5 %: no lens is quite Gaussian.
-_SEEN_LEAST = 0.9
+_SEEN_LEAST = 0.85  # of the rise
+# Relative error of sigma by the share of the rise that is not seen, as no lens is quite Gaussian:
+# behind diffraction and aberrations a tenth costs 3 to 6 %, a twentieth 2 to 4 % (lenses of the
+# public benchmark).
+_SIGMA_BY_UNSEEN = 0.4
 _CLIPPED_ERROR = 0.05  # of sigma: what is left then does not tell the width
 _SIGMA_BY_SLOPE = 1.0  # relative change of sigma by a slope of this share of the contrast
 SHARPEST_PX = 0.075  # optical widths below this look like a perfect lens
@@ -313,6 +300,7 @@ class EdgeFit:
     ``chi2_reduced`` where the noise is known from this edge only, ``clipped_fraction`` where the
     saturation is not known, ``rounding`` where it is no matter. ``slope_left`` is what light that
     falls off may still change up to the border, in parts of the contrast; the errors contain it.
+    ``noise_codes`` is the noise before compression, where that is told.
     """
 
     x_px: float
@@ -332,6 +320,7 @@ class EdgeFit:
     clipped_fraction: float | None = None
     rounding: Rounding | None = None
     slope_left: float = 0.0
+    noise_codes: float | None = None
 
     @property
     def snr(self) -> float:
@@ -380,18 +369,21 @@ def fit_edge(
     is_vague = sqrt(likely.total.log_sigma_variance) > _NOISIEST_ERROR
     slope = _slope_left(likely, image_dn, segment)
     # What compression adds to the error is no matter of what is seen of the rise.
-    clipping = None if saturation_dn is None else _clipping_flag(likely, saturation_dn)
+    seen = 1.0 if saturation_dn is None else _seen(likely, saturation_dn)
+    clipping = None if saturation_dn is None else _clipping_flag(likely, seen)
+    noise_codes = None
     if compression is not None:
-        likely = _behind_compression(
+        likely, noise_codes = _behind_compression(
             likely, image_dn, segment.line, segment.clearance_px, compression
         )
+    relative = hypot(_SIGMA_BY_SLOPE * slope, _SIGMA_BY_UNSEEN * (1 - seen))
     likely = likely._replace(
-        total=_widened(likely.total, slope), optical=_widened(likely.optical, slope)
+        total=_widened(likely.total, relative), optical=_widened(likely.optical, relative)
     )
     fit = _measurement(
         likely, segment, clipping, is_vague=is_vague, is_noise_known=noise is not None
     )
-    fit = replace(fit, slope_left=slope)
+    fit = replace(fit, slope_left=slope, noise_codes=noise_codes)
     return fit if saturation_dn is not None else replace(fit, clipped_fraction=None)
 
 
@@ -405,10 +397,9 @@ def _slope_left(likely: LikelyEdge, image_dn: FloatArray, segment: EdgeSegment) 
     return float(slope_dn_per_px * half_width_px / (high - low))
 
 
-def _widened(fit: WidthFit, slope: float) -> WidthFit:
-    """The fit with what a slope of this share of the contrast may do to its width."""
-    variance = fit.log_sigma_variance + (_SIGMA_BY_SLOPE * slope) ** 2
-    return fit._replace(log_sigma_variance=variance)
+def _widened(fit: WidthFit, relative: float) -> WidthFit:
+    """The fit with a further relative error of its width."""
+    return fit._replace(log_sigma_variance=fit.log_sigma_variance + relative**2)
 
 
 def _measurement(
@@ -465,16 +456,20 @@ def _measurement(
     )
 
 
-def _clipping_flag(likely: LikelyEdge, saturation_dn: float) -> str | None:
+def _seen(likely: LikelyEdge, saturation_dn: float) -> float:
+    """Share of the rise below the saturation; 1 where hardly any pixel is clipped."""
+    if not likely.is_censored or likely.clipped_fraction <= CLIPPED_FRACTION:
+        return 1.0
+    total = likely.total.parameters
+    return seen_rise(total[LOW], total[HIGH], saturation_dn)
+
+
+def _clipping_flag(likely: LikelyEdge, seen: float) -> str | None:
     """``saturated`` where the unclipped pixels do not tell the width, else ``clipped``."""
     if likely.clipped_fraction <= CLIPPED_FRACTION:
         return None
-    total = likely.total
-    is_told = (
-        likely.is_censored
-        and seen_rise(total.parameters[LOW], total.parameters[HIGH], saturation_dn) >= _SEEN_LEAST
-        and sqrt(total.log_sigma_variance) <= _CLIPPED_ERROR
-    )
+    error = sqrt(likely.total.log_sigma_variance)
+    is_told = likely.is_censored and seen >= _SEEN_LEAST and error <= _CLIPPED_ERROR
     return "clipped" if is_told else "saturated"
 
 

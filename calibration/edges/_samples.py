@@ -353,7 +353,7 @@ def _without_rounding(
 ) -> FloatArray:
     """Unit levels less the mean error that rounding has at the levels of the fitted edge."""
     contrast = samples.high_dn - samples.low_dn
-    bright = _shape_values(shape, distance_px)
+    bright = shape_values(shape, distance_px)
     bias = rounding_bias(samples.levels_dn, samples.low_dn + contrast * bright, bright, rounding)
     return samples.unit_levels - bias / contrast
 
@@ -369,7 +369,7 @@ class _Bins(NamedTuple):
 
 
 @compiled()
-def _shape_values(shape: EdgeShape, distance_px: FloatArray) -> FloatArray:
+def shape_values(shape: EdgeShape, distance_px: FloatArray) -> FloatArray:
     values = np.empty(distance_px.size)
     for i in range(distance_px.size):
         values[i] = shape_value(shape, distance_px[i])
@@ -385,7 +385,7 @@ def _binned(
     least_noise: float,
 ) -> _Bins:
     number, first = _numbers(distance)
-    left = levels - _shape_values(shape, distance)
+    left = levels - shape_values(shape, distance)
     sums = _sums(number, distance, along, left)
     pooled = np.sqrt(np.sum(sums.squares) / max(np.sum(sums.pixels) - sums.pixels.size, 1.0))
     limit = max(_SUSPECT_SIGMAS * pooled, _OUTLIER_LEAST)
@@ -394,7 +394,7 @@ def _binned(
         sums = _sums(number[kept], distance[kept], along[kept], left[kept])
     filled = np.flatnonzero(sums.pixels > 0)
     count, at = sums.pixels[filled], sums.distance[filled]
-    level = _shape_values(shape, at)
+    level = shape_values(shape, at)
     variance = _variances(count, sums.squares[filled], level, least_noise)
     return _Bins(
         filled + first, at, sums.along[filled], level + sums.left[filled], count / variance

@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 
 from acquisition.files import StoredModel
 from calibration.choices import TargetChoice
+from calibration.edges._compressed import mtf50_error_behind
 from calibration.edges._detection import beside_target, find_edges, star_spokes
 from calibration.edges._esfr import (
     WIDEST_GAP_PX,
@@ -358,7 +359,8 @@ def _measured_edge(
         border = border_flags(even, fit, is_jpeg=source.is_jpeg)
         fit = replace(fit, flags=(*fit.flags, *border))
         binned = bin_edge(even, on_sensor, source.pitch_px)
-        contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor)).widened(fit, compression)
+        contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor))
+        contrast = contrast.widened(segment, fit, compression)
     rough_px = roughness_px(samples, fit.sigma_px)
     if method == "paper":
         widened = _lsf_fit(edge_samples(image, segment, fit, near_px), fit)
@@ -424,19 +426,18 @@ class _Contrast:
             return cls(missing=gap_message(binned, gap_px))
         return cls(esfr=esfr)
 
-    def widened(self, fit: EdgeFit, compression: JpegCompression | None) -> "_Contrast":
+    def widened(
+        self, segment: EdgeSegment, fit: EdgeFit, compression: JpegCompression | None
+    ) -> "_Contrast":
         """The same with what uneven light and compression may have done to MTF50 in its error."""
         if self.esfr is None:
             return self
         mtf50, err = self.esfr.mtf50_cy_per_px, self.esfr.mtf50_err_cy_per_px
         if mtf50 is None or err is None:
             return self
-        by_slope, by_steps = _MTF50_BY_SLOPE * fit.slope_left, 0.0
         if compression is not None:
-            by_steps = compression.mtf50_error(
-                mtf50, fit.normal_rad, (fit.low_dn, fit.high_dn), fit.length_px
-            )
-        err = math.hypot(err, mtf50 * by_slope, mtf50 * by_steps)
+            err = mtf50 * mtf50_error_behind(compression, segment, fit, self.esfr)
+        err = math.hypot(err, mtf50 * _MTF50_BY_SLOPE * fit.slope_left)
         return replace(self, esfr=replace(self.esfr, mtf50_err_cy_per_px=err))
 
 

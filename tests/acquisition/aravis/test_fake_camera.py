@@ -3,11 +3,8 @@
 It is bound to 127.0.0.1 alone, so one test process at a time has it.
 """
 
-import fcntl
-import tempfile
 from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +14,7 @@ from acquisition.aravis._device import load_aravis
 from acquisition.averaging import average_frames
 from acquisition.errors import CameraFeatureError
 from tests.acquisition.aravis_bench import camera_config, needs_aravis
+from tests.hil_mocks.loopback_camera_port import loopback_camera_port
 
 pytestmark = needs_aravis
 
@@ -26,9 +24,7 @@ KEYS = {"pixel_format": "Mono8", "region_px": (0, 0, 128, 64), "frame_rate_hz": 
 
 @pytest.fixture
 def fake_camera() -> Iterator[None]:
-    lock = Path(tempfile.gettempdir()) / "standoff-aravis-fake-camera.lock"
-    with lock.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with loopback_camera_port():
         fake = load_aravis().api.GvFakeCamera.new(ADDRESS, "GV01")
         assert fake.is_running(), "another program has UDP port 3956 of 127.0.0.1"
         yield

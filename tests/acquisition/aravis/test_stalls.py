@@ -1,7 +1,7 @@
 """Streams that stall and exposures that come late."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +12,7 @@ from acquisition.aravis._camera import AravisCamera
 from acquisition.devices import DeviceInfo, Frame, StreamStatistics
 from acquisition.errors import (
     DeviceDisconnectedError,
+    DeviceProtocolError,
     DeviceTimeoutError,
     StreamInterruptedError,
 )
@@ -113,6 +114,48 @@ def test_the_counts_are_told_while_a_lost_camera_is_being_closed() -> None:
     )
     camera.start()
     assert told == [counted]
+
+
+def losing_its_camera(
+    connect: Callable[[Any], Any], reconnect_timeout_s: float
+) -> tuple[AravisCamera, FakeClock]:
+    lost = connection_to(QueueOfFrames(FakeClock(), iter(())))
+    lost.is_lost, lost.close = True, lambda: None
+    lost.stream.statistics = lambda: StreamStatistics(
+        complete_frames=0, incomplete_frames=0, resent_packets=0, missing_packets=0
+    )
+    clock = FakeClock()
+    config = camera_config("127.0.0.1", reconnect_timeout_s=reconnect_timeout_s)
+
+    def pause(seconds_s: float) -> None:
+        clock.now_s += seconds_s
+
+    return AravisCamera(lost, config, connect=connect, clock=clock, sleep=pause), clock
+
+
+def test_a_camera_whose_answers_are_wrong_while_it_starts_is_waited_for() -> None:
+    tried: list[Any] = []
+
+    def connect(config: Any) -> Any:
+        tried.append(config)
+        if len(tried) < 4:
+            raise DeviceProtocolError("its description cannot be read (status 0x0000)")
+        return connection_to(QueueOfFrames(FakeClock(), iter(())))
+
+    camera, _ = losing_its_camera(connect, reconnect_timeout_s=30.0)
+    camera.start()
+    assert len(tried) == 4
+
+
+def test_a_camera_whose_answers_stay_wrong_did_not_come_back() -> None:
+    def connect(_: Any) -> Any:
+        raise DeviceProtocolError("its description cannot be read (status 0x0000)")
+
+    camera, clock = losing_its_camera(connect, reconnect_timeout_s=3.0)
+    began_s = clock.now_s
+    with pytest.raises(DeviceDisconnectedError, match=r"within 3 s \(its description .*0x0000\)"):
+        camera.start()
+    assert clock.now_s - began_s == pytest.approx(3.0, abs=1.0)
 
 
 EXPOSURES_US = [500.0, 2000.0, 8000.0]

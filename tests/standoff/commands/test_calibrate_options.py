@@ -137,7 +137,7 @@ def test_one_clipped_colour_rejects_the_edge_though_its_luma_is_below_the_top(
 def test_the_plateau_of_a_narrower_adc_is_seen_through_the_srgb_curve(
     command: Command, tmp_path: Path
 ) -> None:
-    clipped = np.minimum(edge_image(0.8, 5.0) / 11.0, 4095.0)  # 12 bits in a 16-bit file
+    clipped = np.minimum(edge_image(0.8, 5.0) / 10.0, 4095.0)  # 12 bits in a 16-bit file
     tifffile.imwrite(tmp_path / "e.tif", np.rint(clipped).astype(np.uint16))
     err = command.refused(
         1, "calibrate", tmp_path / "e.tif", "--srgb", "--out", tmp_path / "p.json"

@@ -4,12 +4,10 @@ The cameras are processes that are killed with SIGKILL: the simulated one, and A
 camera, which shares no code with ours.
 """
 
-import fcntl
 import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -20,6 +18,7 @@ import pytest
 from acquisition.session._reader import Session, verify
 from tests.acquisition.aravis_bench import needs_aravis
 from tests.hil_mocks.gige_bench import free_addresses
+from tests.hil_mocks.loopback_camera_port import loopback_camera_port
 from tests.standoff.commands.test_hostile_camera import aravis_bench_file
 from tests.standoff.console.processes import pipe
 
@@ -104,9 +103,7 @@ def camera(request: pytest.FixtureRequest) -> Iterator[KillableCamera]:
         words = ("-m", "standoff", "mock", "--address", address, "--json", *small)
         yield KillableCamera(address=address, words=words)
         return
-    # Aravis' fake has the one address, in the tests of its own as well.
-    with (Path(tempfile.gettempdir()) / "standoff-aravis-fake-camera.lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with loopback_camera_port():
         yield KillableCamera(address="127.0.0.1", words=("-c", FAKE, "127.0.0.1"))
 
 

@@ -110,7 +110,10 @@ function wire(id, set) {
     set(number(id));
   };
   input.oninput = () => { delete input.dataset.sent; };
-  form.onsubmit = (event) => { event.preventDefault(); send(); };
+  form.onsubmit = (event) => {
+    event.preventDefault();
+    if (!input.dataset.sent) send(); // Enter means a change first, which has been sent
+  };
   input.onchange = send;
   for (const button of form.querySelectorAll("[data-scale], [data-add]")) {
     button.onclick = () => {

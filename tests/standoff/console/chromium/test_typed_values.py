@@ -93,6 +93,29 @@ def test_a_wrong_number_is_refused_in_words_and_set_back(
     assert live.hub.jobs.current is None
 
 
+def test_a_number_is_sent_once_by_the_key_enter(live: LivePage) -> None:
+    page = live.page
+    page.evaluate("""() => {
+        const send = WebSocket.prototype.send;
+        window.sent = [];
+        WebSocket.prototype.send = function (words) {
+            window.sent.push(words);
+            send.call(this, words);
+        };
+    }""")
+    of_it = "window.sent.filter((words) => words.includes('2345')).length"
+    page.fill("#exposure", "2345")
+    page.keyboard.press("Enter")
+    wait_until(lambda: live.asked(of_it) > 0, "it is sent")
+    page.wait_for_timeout(300)
+    assert live.asked(of_it) == 1
+    page.keyboard.press("Enter")
+    page.fill("#exposure", "1234")
+    page.keyboard.press("Enter")
+    wait_until(lambda: live.asked(of_it.replace("2345", "1234")) > 0, "the next one is sent")
+    assert live.asked(of_it) == 1
+
+
 def test_a_sweep_beyond_the_travel_sets_back_the_height_that_is_wrong(live: LivePage) -> None:
     page = live.page
     page.fill("#sweep-low", "200")

@@ -209,7 +209,8 @@ def test_green_does_not_flicker_where_answers_are_always_late(
         answered = page.evaluate("window.guide.newest")
         late = f"window.guide.newest > {answered + 8}"
         wait_until(lambda: page.evaluate(late), "some more are answered")
-        assert page.evaluate("window.guide.guidance.verdict") == "go"  # the null: the pose is good
+        is_go = "window.guide.guidance.verdict === 'go'"
+        wait_until(lambda: page.evaluate(is_go), "the null: the pose is good")
         assert page.evaluate("window.greens") == 0
         page.evaluate("() => { window.fetch = window.before; }")
         page.wait_for_selector("#verdict.go")
@@ -262,7 +263,10 @@ def test_what_was_being_compressed_when_the_camera_went_mute_is_not_sent(
             const compress = HTMLCanvasElement.prototype.toBlob;
             HTMLCanvasElement.prototype.toBlob = function (done, ...how) {
                 window.compressing = (window.compressing ?? 0) + 1;
-                const late = (blob) => setTimeout(() => { window.compressing -= 1; done(blob); }, 2000);
+                const late = (blob) => setTimeout(() => {
+                    window.compressing -= 1;
+                    done(blob);
+                }, 2000);
                 compress.call(this, late, ...how);
             };
         }""")
