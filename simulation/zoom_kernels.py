@@ -273,9 +273,7 @@ def _fewest(
     )
 
 
-def _root_of_gram(
-    rows: FloatArray, covariance: _ImageCovariance
-) -> tuple[FloatArray, FloatArray]:
+def _root_of_gram(rows: FloatArray, covariance: _ImageCovariance) -> tuple[FloatArray, FloatArray]:
     """Root of the covariance of what the terms make of an image along one axis; its inverse."""
     system = toeplitz(covariance.values[: rows.shape[2]])
     gram = np.einsum("kna,lna->kl", rows @ system, rows) / rows.shape[1]
