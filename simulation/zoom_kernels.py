@@ -135,6 +135,13 @@ def _variances(rows: FloatArray, covariance: _ImageCovariance) -> FloatArray:
 _NEAR_ZERO = 3e-3
 """Where ``|H|`` is below, as at the zeros of a lens out of focus, noise would be amplified."""
 
+_OMITTED_SHARE = 0.5
+"""Part of the tolerance that the products left out may take; with all of it, which saves up to a
+sixth more, photographs seen through a round lens are twice as far from the exact sum."""
+
+_GRAM_ROUNDING = 1e-14
+"""Eigenvalues of a covariance of products, relative to the largest, that are rounding alone."""
+
 _POSITIONS_PX: FloatArray = np.arange(-2, 19) / 16
 """Positions from the pixel before, of rows that a cubic spline is laid through: right to 2e-5."""
 
@@ -221,15 +228,58 @@ def _row_weights(psf: Psf, zoom_y: float, zoom_x: float) -> Iterator[FloatArray]
     """Weights of the first term along y and along x, then those of the others."""
     zero: FloatArray = np.zeros(1)
     kernels = spline_prefilter(psf, zoom_y, zoom_x)
-    count = len(kernels)
     widest = max(len(taps) for kernel in kernels for taps in (kernel.along_y, kernel.along_x))
     lags = 2 * _reach_px(widest)
     covariance_y = _ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq), lags)
     covariance_x = _ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero), lags)
-    for kernel in kernels:
-        y, x = _long_rows(kernel.along_y), _long_rows(kernel.along_x)
-        yield _shortest(y, covariance_y, count * _largest_variance(x, covariance_x))
-        yield _shortest(x, covariance_x, count * _largest_variance(y, covariance_y))
+    along_y = np.stack([_long_rows(kernel.along_y) for kernel in kernels])
+    along_x = np.stack([_long_rows(kernel.along_x) for kernel in kernels])
+    # Of a lens's products, the first alone responds to what is constant along an axis.
+    is_apart = not isinstance(psf, GaussianPsf)
+    if is_apart and len(kernels) > 1:
+        rest_y, rest_x = _fewest(along_y[1:], along_x[1:], covariance_y, covariance_x)
+        along_y = np.concatenate([along_y[:1], rest_y])
+        along_x = np.concatenate([along_x[:1], rest_x])
+    count = len(along_y)
+    for number, (y, x) in enumerate(zip(along_y, along_x, strict=True)):
+        keeps = number == 0 or not is_apart
+        share_y = count * _largest_variance(x, covariance_x)
+        yield _shortest(y, covariance_y, share_y, keeps_ramp=keeps)
+        share_x = count * _largest_variance(y, covariance_y)
+        yield _shortest(x, covariance_x, share_x, keeps_ramp=keeps)
+
+
+def _fewest(
+    along_y: FloatArray,
+    along_x: FloatArray,
+    covariance_y: _ImageCovariance,
+    covariance_x: _ImageCovariance,
+) -> tuple[FloatArray, FloatArray]:
+    """Write products of rows, shape ``(terms, n, columns)``, as the fewest that the image tells.
+
+    They are the singular vectors of the sum, in the measure of images of these covariances, whose
+    omission changes an image by no more than a share of the smaller tolerance.
+    """
+    root_y, inverse_y = _root_of_gram(along_y, covariance_y)
+    root_x, inverse_x = _root_of_gram(along_x, covariance_x)
+    left, values, right = np.linalg.svd(root_y @ root_x.T)
+    left_out = np.append(np.cumsum(values[::-1] ** 2)[::-1], 0.0)
+    tolerance = _OMITTED_SHARE * min(covariance_y.tolerance, covariance_x.tolerance)
+    count = int(np.argmax(left_out <= tolerance))
+    share = np.sqrt(values[:count])
+    return (
+        np.einsum("kj,kna->jna", inverse_y @ left[:, :count] * share, along_y),
+        np.einsum("kj,kna->jna", inverse_x @ right[:count].T * share, along_x),
+    )
+
+
+def _root_of_gram(rows: FloatArray, covariance: _ImageCovariance) -> tuple[FloatArray, FloatArray]:
+    """Root of the covariance of what the terms make of an image along one axis; its inverse."""
+    system = toeplitz(covariance.values[: rows.shape[2]])
+    gram = np.einsum("kna,lna->kl", rows @ system, rows) / rows.shape[1]
+    values, vectors = np.linalg.eigh(gram)
+    roots = np.sqrt(np.maximum(values, values[-1] * _GRAM_ROUNDING))
+    return roots[:, None] * vectors.T, vectors / roots
 
 
 def _long_rows(kernel: FloatArray) -> FloatArray:

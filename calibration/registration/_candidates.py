@@ -65,7 +65,7 @@ that few features spoke for. Of the right poses of ten such pairs of real photog
 in noise of 20 DN .07; of the wrong ones that twelve mirrored pairs were given .44 to .72, but for a
 page (.05), a moon of which 3 % overlap (0), and two scenes that repeat, which is warned of."""
 
-SURE_MATCHES = 100
+_SURE_MATCHES = 100
 """Matched features that agree on a pose from which blocks are not asked."""
 
 
@@ -205,6 +205,16 @@ class Candidate:
         made = self.hypothesis
         is_found_at_once = not (made.is_tilted or made.is_second_look)
         return made.match_count >= _TRUSTED_MATCHES and is_found_at_once
+
+    @property
+    def is_surely_matched(self) -> bool:
+        """Whether so many agree that it is not asked where blocks of the photographs lie."""
+        return self.is_well_matched and self.hypothesis.match_count >= _SURE_MATCHES
+
+    @property
+    def is_beyond_doubt(self) -> bool:
+        """Whether a quick look at features is enough."""
+        return self.is_clear and self.is_surely_matched
 
     @property
     def is_clear(self) -> bool:
@@ -395,7 +405,7 @@ class MirrorImage:
         features: tuple[ImageFeatures, ImageFeatures],
         zoom: float | None,
     ) -> None:
-        self._near, self._far = features
+        self.features = self._near, self._far = features
         self._seen, self._zoom = pair, zoom
 
     @cached_property

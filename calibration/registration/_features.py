@@ -5,7 +5,6 @@ locally normalised image: a shadow, a vignette or little contrast changes nothin
 """
 
 import csv
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from math import isfinite, nan
@@ -20,9 +19,11 @@ from calibration.registration._distorted_pose import FeatureMatches, mirrored_ma
 from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from simulation.by_value import ByValue
+from simulation.compiled import compiled
 from simulation.pose import homography_fault, project, projection_depth
 
-_FEATURES = 4000
+Look = Literal["quick", "plain", "closer"]
+_FEATURES: dict[Look, int] = {"quick": 1000, "plain": 4000, "closer": 4000}
 _CONTRAST_THRESHOLD = 0.02
 """Of SIFT, half of its default: a retina or a lesion has twice as many features with it."""
 
@@ -34,9 +35,8 @@ _NORMALISED_SIGMA_PX = 1.0
 _NORMALISED_DN = 40.0
 _NOISE_PER_LAPLACIAN = 1 / np.sqrt(20.0)
 _CONTRAST_FLOOR = 0.02
-_WORKED_ON_PX = 1.0e6
-_CLOSER_PX = 3.0e6
-"""Pixels above which an image is reduced first; a closer look takes more, as they are."""
+_WORKED_ON_PX: dict[Look, float] = {"quick": 0.3e6, "plain": 1.0e6, "closer": 3.0e6}
+"""Pixels above which an image is reduced first, by how closely it is looked at."""
 
 _RATIO_TEST = 0.8  # D. Lowe, "Distinctive image features from scale-invariant keypoints", 2004
 _MATCH_TOLERANCE_PX = 3.0
@@ -46,6 +46,9 @@ _REACH = 0.08
 
 _LONELY_DISTANCE_MAX = 200.0
 """Distance of descriptors (of length 512) up to which a match without a rival is accepted."""
+
+_MATCHED_AT_ONCE = 512
+"""Features of the follow-up compared with all of the reference: what they need is bounded so."""
 
 _ROLES = {"reference": "the reference", "followup": "the follow-up", None: "it"}
 
@@ -106,25 +109,60 @@ class ImageFeatures:
     ) -> "NearestFeatures":
         """The two nearest features of each of the follow-up's, where the mask allows."""
         if min(len(self.points_px), len(followup.points_px)) < 2:
-            return NearestFeatures(())
-        return NearestFeatures(
-            cv2.BFMatcher(cv2.NORM_L2).knnMatch(followup.descriptors, self.descriptors, 2, mask)
-        )
+            return NearestFeatures(np.zeros((0, 2), np.int64), np.zeros((0, 2), np.float32))
+        numbers, squares = [], []
+        own = np.square(self.descriptors).sum(axis=1)
+        for first in range(0, len(followup.points_px), _MATCHED_AT_ONCE):
+            part = np.s_[first : first + _MATCHED_AT_ONCE]
+            # Components are whole numbers up to 255, so that float32 holds the products exactly.
+            products = followup.descriptors[part] @ self.descriptors.T
+            number, square = _two_nearest(products, own, None if mask is None else mask[part])
+            numbers.append(number)
+            squares.append(square + np.square(followup.descriptors[part]).sum(axis=1)[:, None])
+        return NearestFeatures(np.concatenate(numbers), np.sqrt(np.concatenate(squares)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class NearestFeatures:
-    """Candidates of matches, which are chosen by the ratio test of Lowe (2004), section 7.1."""
+    """Candidates of matches, which are chosen by the ratio test of Lowe (2004), section 7.1.
 
-    candidates: Sequence[Sequence[cv2.DMatch]]
+    Of each of the follow-up's features the numbers of the two nearest of the reference's and their
+    distances, shape (n, 2) each; -1 and infinity where there are fewer.
+    """
+
+    numbers: NDArray[np.int64]
+    distances: Float32Array
 
     def within(self, ratio: float) -> NDArray[np.int64]:
         """Numbers of matching features, follow-up's and reference's, shape (n, 2), best first."""
-        found = [one for one in self.candidates if _is_distinct(one, ratio)]
-        found.sort(key=_ambiguity)
-        return np.array(
-            [(one[0].queryIdx, one[0].trainIdx) for one in found], dtype=np.int64
-        ).reshape(-1, 2)
+        first, second = self.distances.T.astype(np.float64)
+        is_lonely = np.isinf(second)
+        most = np.where(is_lonely, _LONELY_DISTANCE_MAX, ratio * second)
+        found = np.flatnonzero(first < most)
+        ambiguity = first[found] / np.maximum(second[found], 1e-9)
+        ambiguity[is_lonely[found]] = 1.0
+        found = found[np.argsort(ambiguity, kind="stable")]
+        return np.column_stack([found, self.numbers[found, 0]])
+
+
+@compiled(nogil=True)
+def _two_nearest(
+    products: Float32Array, squares: Float32Array, mask: NDArray[np.uint8] | None
+) -> tuple[NDArray[np.int64], Float32Array]:
+    """Of each row the two columns of least ``squares - 2 products``, and these, where allowed."""
+    rows, cols = products.shape
+    numbers = np.full((rows, 2), -1)
+    least = np.full((rows, 2), np.float32(np.inf))
+    for i in range(rows):
+        for j in range(cols):
+            at = squares[j] - 2 * products[i, j]
+            if at < least[i, 1] and (mask is None or mask[i, j]):
+                if at < least[i, 0]:
+                    least[i, 1], numbers[i, 1] = least[i, 0], numbers[i, 0]
+                    least[i, 0], numbers[i, 0] = at, j
+                else:
+                    least[i, 1], numbers[i, 1] = at, j
+    return numbers, least
 
 
 def match_features(
@@ -157,16 +195,16 @@ def find_features(
 
 
 def features_of(
-    levels: Float32Array, usable: BoolArray | None = None, *, is_closer_look: bool = False
+    levels: Float32Array, usable: BoolArray | None = None, look: Look = "plain"
 ) -> ImageFeatures:
     """SIFT features of a grey image of finite levels, on its usable pixels; there may be none.
 
-    A closer look takes the levels as they are, at a higher resolution: the finest details, where
-    perspective or haze leaves nothing else in common.
+    A quick look tells most poses, in less time. A closer look takes the levels as they
+    are, at a higher resolution: the finest details, where perspective or haze leaves nothing else
+    in common.
     """
     shape = levels.shape
-    most = _CLOSER_PX if is_closer_look else _WORKED_ON_PX
-    factor = max(round(np.sqrt(levels.size / most)), 1)
+    factor = max(round(np.sqrt(levels.size / _WORKED_ON_PX[look])), 1)
     if factor > 1:
         rows, cols = (n // factor for n in shape)
         part = np.s_[: rows * factor, : cols * factor]
@@ -177,10 +215,12 @@ def features_of(
             usable = cv2.resize(usable[part].astype(np.uint8), (cols, rows)).astype(np.bool_)
     # Without precise upscaling every keypoint is shifted by 0.25 px towards the origin.
     sift = cv2.SIFT.create(
-        nfeatures=_FEATURES, contrastThreshold=_CONTRAST_THRESHOLD, enable_precise_upscale=True
+        nfeatures=_FEATURES[look],
+        contrastThreshold=_CONTRAST_THRESHOLD,
+        enable_precise_upscale=True,
     )
     mask = None if usable is None else usable.astype(np.uint8)
-    image = _bytes(levels) if is_closer_look else _normalised_bytes(levels)
+    image = _bytes(levels) if look == "closer" else _normalised_bytes(levels)
     found, descriptors = sift.detectAndCompute(image, mask)
     points = np.array([one.pt for one in found], dtype=np.float64).reshape(-1, 2)
     frames = np.array([(one.size, np.deg2rad(one.angle)) for one in found], dtype=np.float64)
@@ -197,17 +237,6 @@ def _described(descriptors: object, count: int) -> Float32Array:
     if count == 0:
         return np.zeros((0, 128), dtype=np.float32)
     return np.asarray(descriptors, dtype=np.float32)
-
-
-def _is_distinct(found: Sequence[cv2.DMatch], ratio: float) -> bool:
-    """Whether the best of the candidates is much better than the next."""
-    if len(found) == 2:
-        return found[0].distance < ratio * found[1].distance
-    return len(found) == 1 and found[0].distance < _LONELY_DISTANCE_MAX
-
-
-def _ambiguity(found: Sequence[cv2.DMatch]) -> float:
-    return found[0].distance / max(found[1].distance, 1e-9) if len(found) == 2 else 1.0
 
 
 def homography_pose(

@@ -7,7 +7,7 @@ fine. What cannot be told from chance is refused; what may be one of several is 
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -16,7 +16,6 @@ from calibration.errors import RegistrationError
 from calibration.registration._agreement import AlignedPhotograph, block_votes
 from calibration.registration._candidates import (
     ELSEWHERE_MOST,
-    SURE_MATCHES,
     Candidate,
     Choice,
     DirectedPose,
@@ -31,7 +30,12 @@ from calibration.registration._candidates import (
     with_rival,
 )
 from calibration.registration._distorted_pose import DistortedPose, mirrored_matrix
-from calibration.registration._features import ImageFeatures, RegistrationHints, features_of
+from calibration.registration._features import (
+    ImageFeatures,
+    Look,
+    RegistrationHints,
+    features_of,
+)
 from calibration.registration._hypotheses import (
     PoseHypothesis,
     feature_poses,
@@ -54,21 +58,22 @@ class RegistrationReference:
     """A photograph, not changed meanwhile, whose features are looked for once, and no sooner."""
 
     photograph: AlignedPhotograph
-    _features: dict[bool, ImageFeatures] = field(default_factory=dict, repr=False)
+    _features: dict[Look, ImageFeatures] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, image: AnyArray, left_out: BoolArray | None = None) -> Self:
         """Take a grey image, shape ``(rows, cols)``; what is ``left_out`` does not count."""
         return cls(AlignedPhotograph.of(image, left_out))
 
-    def features(self, *, is_closer_look: bool) -> ImageFeatures:
+    def features(self, look: Look) -> ImageFeatures:
         """Features of the photograph, as `features_of` finds them."""
-        if is_closer_look not in self._features:
-            self._features[is_closer_look] = features_of(
-                self.photograph.levels, self.photograph.usable, is_closer_look=is_closer_look
-            )
-        return self._features[is_closer_look]
+        if look not in self._features:
+            self._features[look] = features_of(self.photograph.levels, self.photograph.usable, look)
+        return self._features[look]
 
+
+Photographs = tuple[RegistrationReference, RegistrationReference]
+"""The reference and the follow-up."""
 
 _PLACE_ERR_WARN_PX = 0.25
 _PLACE_ERR_MAX_PX = 3.0
@@ -187,7 +192,8 @@ def _registered(
     best = best_of(pair, given)
     if best is not None and best.is_significant:
         # Of several periods the operator has chosen one.
-        return _refined(pair, Choice(best=best))
+        choice = Choice(best=best)
+        return _refined(pair, choice, _refinement(pair, choice))
     if given:
         if best is None:
             raise RegistrationError(
@@ -197,29 +203,48 @@ def _registered(
             )
         return _as_given(pair, best)
     # A follow-up's features are wanted several times, too.
-    followup, zoom = RegistrationReference(photograph), hints.zoom
-    best = best_of(pair, _matched_poses(reference, followup, zoom))
-    plain = tuple(one.features(is_closer_look=False) for one in (reference, followup))
-    mirror_image = MirrorImage(pair, (plain[0], plain[1]), zoom)
+    both = reference, RegistrationReference(photograph)
+    glanced = best_of(pair, islice(_matched_poses(both, "quick", hints.zoom), 1))
+    if glanced is not None and glanced.is_beyond_doubt:
+        mirror_image = _mirror_image(pair, both, "quick", hints.zoom)
+        if mirror_image.is_matched_better(glanced):
+            raise of_mirror_image
+        choice = with_rival(pair, glanced)
+        refined = _refinement(pair, choice)
+        if refined is not None:
+            return _refined(pair, choice, refined)
+    choice = _chosen(pair, both, hints.zoom, of_mirror_image)
+    return _refined(pair, choice, _refinement(pair, choice))
+
+
+def _chosen(
+    pair: PhotographPair, both: Photographs, zoom: float | None, of_mirror_image: RegistrationError
+) -> Choice:
+    """The best of all hypotheses."""
+    matched = chain.from_iterable(_matched_poses(both, look, zoom) for look in ("plain", "closer"))
+    best = best_of(pair, matched)
+    mirror_image = _mirror_image(pair, both, "plain", zoom)
     if mirror_image.is_matched_better(best):
         raise of_mirror_image
     searched = searched_poses(pair.reference, pair.followup, zoom)
-    tilted = tilted_poses((pair.reference, pair.followup), (plain[0], plain[1]), zoom)
+    tilted = tilted_poses((pair.reference, pair.followup), mirror_image.features, zoom)
     best = best_of(pair, chain(searched, tilted), best)
     if mirror_image.is_searched_better(best):
         raise of_mirror_image
     if best is None or not best.is_significant:
         raise _not_found(best)
-    best = looked_again(pair, best)
-    return _refined(pair, with_rival(pair, best))
+    return with_rival(pair, looked_again(pair, best))
 
 
-def _matched_poses(
-    reference: RegistrationReference, followup: RegistrationReference, zoom: float | None
-) -> Iterator[PoseHypothesis]:
-    for is_closer_look in (False, True):
-        near, far = (one.features(is_closer_look=is_closer_look) for one in (reference, followup))
-        yield from feature_poses(near, far, zoom)
+def _mirror_image(
+    pair: PhotographPair, both: Photographs, look: Look, zoom: float | None
+) -> MirrorImage:
+    return MirrorImage(pair, (both[0].features(look), both[1].features(look)), zoom)
+
+
+def _matched_poses(both: Photographs, look: Look, zoom: float | None) -> Iterator[PoseHypothesis]:
+    near, far = (one.features(look) for one in both)
+    yield from feature_poses(near, far, zoom)
 
 
 def _refuse_without_detail(pair: PhotographPair) -> None:
@@ -255,16 +280,21 @@ def _not_found(best: Candidate | None) -> RegistrationError:
     )
 
 
-def _refined(pair: PhotographPair, choice: Choice) -> Registration:
+def _refinement(pair: PhotographPair, choice: Choice) -> RefinedPose | None:
     """Refine the chosen pose down to single pixels."""
     directed = choice.best.directed
-    found = refined_pose(
+    return refined_pose(
         directed.photographs,
         directed.pose,
         pair.psf,
         directed.matches_of(choice.best.hypothesis),
         is_one_camera=pair.reference.shape == pair.followup.shape,
     )
+
+
+def _refined(pair: PhotographPair, choice: Choice, found: RefinedPose | None) -> Registration:
+    """The registration of a refined pose, or as it was given; an error where it may be wrong."""
+    directed = choice.best.directed
     if found is None:
         return _as_given(pair, choice.best)
     is_weak = not (choice.best.is_well_matched or choice.best.hypothesis.is_given)
@@ -314,9 +344,7 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
 
 def _is_elsewhere(best: Candidate, found: DistortedPose) -> bool:
     """Whether too much of the photographs is recognised elsewhere than a refined pose puts it."""
-    if best.hypothesis.is_given or (
-        best.is_well_matched and best.hypothesis.match_count >= SURE_MATCHES
-    ):
+    if best.hypothesis.is_given or best.is_surely_matched:
         return False
     return block_votes(*best.directed.photographs, found).share_elsewhere > ELSEWHERE_MOST
 

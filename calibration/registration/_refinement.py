@@ -187,12 +187,13 @@ class _PlaceErrors:
 
 def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _PlaceErrors:
     """Standard errors of a pose of least cost."""
-    covariance = _covariance(pair, motions, found)
     chosen = np.flatnonzero(found.inside)
     chosen = chosen[:: max(len(chosen) // _SHOWN_SAMPLES, 1)]
+    flows = motions.flows(found.pose)
+    covariance = _covariance(pair, motions, found)
     variance = sum(
         float(np.mean(np.sum((along[chosen] @ covariance) * along[chosen], axis=1)))
-        for along in motions.flows(found.pose)
+        for along in flows
     )
     return _PlaceErrors(
         place_err_px=found.pose.zoom * sqrt(max(variance, 0.0)),
@@ -212,33 +213,27 @@ def _covariance(pair: LevelPair, motions: PoseMotions, found: Residuals) -> Floa
     heteroskedasticity", 1980; with blocks as clusters.
     """
     inside = found.inside
-    along_x, along_y = (along[inside] for along in motions.flows(found.pose))
-    count = along_x.shape[1]
-    light = found.light_columns[inside]
-    seen_x, seen_y = (
-        slope[inside, None] for slope in pair.predicted_slopes(found.pose, found.light[0])
-    )
-    own = np.concatenate(
-        [
-            pair.slope_x[inside, None] * along_x + pair.slope_y[inside, None] * along_y,
-            light,
-        ],
-        axis=1,
-    )
-    other = np.concatenate([seen_x * along_x + seen_y * along_y, light], axis=1)
+    along_x, along_y = (along[inside].T for along in motions.flows(found.pose))
+    count = len(along_x)
+    light = found.light_columns[inside].T
+    seen_x, seen_y = (slope[inside] for slope in pair.predicted_slopes(found.pose, found.light[0]))
+    own_x, own_y = pair.slope_x[inside], pair.slope_y[inside]
+    own = np.concatenate([own_x * along_x + own_y * along_y, light])
+    other = np.concatenate([seen_x * along_x + seen_y * along_y, light])
     square = np.minimum(found.relative[inside] ** 2, 1.0)
     rising = (1 - square) * (1 - 5 * square) / found.scale[inside] ** 2
-    slope = (own * rising[:, None]).T @ other
+    slope = (own * rising) @ other.T
     slope = (slope + slope.T) / 2
-    normal = (own * found.weight[inside, None]).T @ own
+    weight, block = found.weight[inside], pair.block[inside]
+    weighted = own * np.sqrt(weight)
+    normal = weighted @ weighted.T
     for one in (slope, normal):
         one[:count, :count] += motions.prior(found.pose).normal
-    scores = own * (found.weight * found.residual)[inside, None]
-    block = pair.block[inside]
-    sums = np.stack([np.bincount(block, one) for one in scores.T], axis=1)
+    scores = own * (weight * found.residual[inside])
+    sums = np.stack([np.bincount(block, one) for one in scores])
     used = max(int(np.count_nonzero(np.bincount(block))), 2)
     inverse = _bounded_inverse(slope, normal)
-    made = inverse @ (sums.T @ sums) @ inverse * (used / (used - 1))
+    made = inverse @ (sums @ sums.T) @ inverse * (used / (used - 1))
     return np.asarray(made[:count, :count])
 
 
@@ -264,6 +259,14 @@ _K1_SIGNIFICANT = 1.4
 _JUDGED_PX = 300_000
 _CORRELATION_LOSS = 0.02
 """Of the locally normalised photographs: a descent that loses more went astray."""
+
+_STILL = 0.2
+"""Pixels that no descent loses so much by: both photographs are smoothed by 1 px, so that the
+correlation falls by the square of the distance over 4."""
+
+_GRID = 9
+_AROUND = 0.1
+"""Points along each axis at which poses are compared, also so much of the frame outside it."""
 
 _TRUSTED_MATCHES = 20
 _STRAY = 1.3
@@ -402,8 +405,25 @@ def _is_worse(
     rows, cols = photographs[1].shape
     seen_at = max(factor // 2, 1)
     seen_at *= max(round(sqrt(rows * cols / seen_at**2 / _JUDGED_PX)), 1)
+    if _moved_px(found, start) < _STILL * seen_at * start.zoom:
+        return False
     after, before = (correlation_at(*photographs, pose, seen_at) for pose in (found, start))
     return after < before - _CORRELATION_LOSS
+
+
+def _moved_px(found: DistortedPose, start: DistortedPose) -> float:
+    """Largest distance in px of the source between two poses, over what it shows."""
+    rows, cols = start.followup_shape
+    y, x = (
+        at.ravel()
+        for at in np.meshgrid(
+            np.linspace(0.0, rows - 1.0, _GRID), np.linspace(0.0, cols - 1.0, _GRID), indexing="ij"
+        )
+    )
+    places = start.to_reference_px(y, x)
+    apart = np.hypot(*(a - b for a, b in zip(found.to_reference_px(y, x), places, strict=True)))
+    shown = apart[start.shows(*places, margin=_AROUND)]
+    return float(shown.max()) if len(shown) else np.inf
 
 
 def _best_fit(level: LevelPair, pose: DistortedPose, *, is_one_camera: bool) -> RefinedPose | None:

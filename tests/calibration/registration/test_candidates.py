@@ -152,7 +152,7 @@ def test_noise_hides_blocks_and_moves_none() -> None:
     assert votes.share_elsewhere < 0.1
 
 
-def test_a_pose_that_outlines_alone_agree_with_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pose_that_outlines_alone_agree_with_is_refused() -> None:
     pair, wrong = candidate(off(24.0))
     # As if the refinement had been drawn there.
     refined = RefinedPose(
@@ -161,9 +161,8 @@ def test_a_pose_that_outlines_alone_agree_with_is_refused(monkeypatch: pytest.Mo
         correlation=0.98,
         residual_rms=0.1,
     )
-    monkeypatch.setattr(pair_module, "refined_pose", lambda *_, **__: refined)
     with pytest.raises(RegistrationError) as refused:
-        pair_module._refined(pair, Choice(best=wrong))
+        pair_module._refined(pair, Choice(best=wrong), refined)
     assert refused.value.reason == "contradiction"
 
 

@@ -6,7 +6,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
-from calibration.registration import FeatureMatches, homography_pose, match_features
+from calibration.registration import (
+    FeatureMatches,
+    ImageFeatures,
+    homography_pose,
+    match_features,
+)
 from simulation.arrays import FloatArray
 
 SHAPE = (100, 120)
@@ -66,3 +71,28 @@ def test_the_image_without_detail_is_the_one_at_fault(at_fault: str, level: floa
         match_features(**images)
     error = refused.value
     assert (error.reason, error.at_fault, error.count) == ("no_detail", at_fault, 0)
+
+
+@pytest.mark.parametrize("allowed", [1.0, 0.3, 0.004])
+def test_the_two_nearest_descriptors_are_those_that_opencv_finds(allowed: float) -> None:
+    rng = np.random.default_rng(3)
+    near, far = (
+        ImageFeatures(
+            points_px=np.zeros((count, 2)),
+            # Whole numbers up to 255, of a length of 512 as a rule, as SIFT has them.
+            descriptors=rng.integers(0, 80, (count, 128)).astype(np.float32),
+            frames=np.ones((count, 2)),
+            shape=SHAPE,
+        )
+        for count in (300, 700)
+    )
+    mask = (rng.random((700, 300)) < allowed).astype(np.uint8)
+    found = near.nearest_to(far, mask)
+    expected = cv2.BFMatcher(cv2.NORM_L2).knnMatch(far.descriptors, near.descriptors, 2, mask)
+    for number, matches in enumerate(expected):
+        count = len(matches)
+        np.testing.assert_array_equal(
+            found.distances[number, :count], [one.distance for one in matches]
+        )
+        assert np.isinf(found.distances[number, count:]).all()
+        assert found.numbers[number, :count].tolist() == [one.trainIdx for one in matches]
