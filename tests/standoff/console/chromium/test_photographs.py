@@ -157,9 +157,11 @@ def test_what_is_filled_in_and_chosen_stays_while_something_else_happens(
         page.fill("#note [name=text]", "the lamp was ch")
         page.click("[data-result=verify]")
         page.wait_for_selector(".found >> text=files match the journal")
+        page.wait_for_selector("#note button:enabled")  # the page's script has run
         assert page.input_value("#note [name=text]") == "the lamp was ch"
         page.click("#note button:enabled")
         page.wait_for_selector(".log >> text=the lamp was ch")
+        page.wait_for_selector("#note button:enabled")
         assert page.input_value("#note [name=text]") == ""
 
 
