@@ -392,7 +392,10 @@ def _judge(record: Recorder, cameras: Sequence[_Calibrated]) -> Iterator[str]:
         record.say(f"\nlens and zoom, {noise_dn:g} DN of noise in the reference")
         record.say(results.table(COLUMNS))
         if any(results.counted):
-            _record_ratios(record, f"zooms, noise {noise_dn:g} DN", results, "OpenCV")
+            what = f"zooms, noise {noise_dn:g} DN"
+            _record_ratios(record, what, results, "OpenCV")
+            if "pyBSM" in results.errors:
+                _record_ratios(record, what, results, "pyBSM")
     noise_free = by_noise[0.0]
     if any(noise_free.counted):
         yield from _broken_zoom_bounds(noise_free)
