@@ -66,9 +66,13 @@ class _OwnProcess:
         stdout: int | None = None,
         folder: str | None = None,
     ) -> None:
+        self._tail = b""
+        self._lock = Lock()
         heard, said = os.pipe()
+        self._hearing = Thread(target=self._hear, args=(heard,), name="detector", daemon=True)
+        started: subprocess.Popen[bytes] | None = None
         try:
-            self._process = subprocess.Popen(  # noqa: S603 - what the user named, without a shell
+            started = subprocess.Popen(  # noqa: S603 - what the user named, without a shell
                 list(words),
                 stdin=subprocess.DEVNULL if stdin is None else stdin,
                 stdout=said if stdout is None else stdout,
@@ -76,15 +80,19 @@ class _OwnProcess:
                 cwd=folder,
                 start_new_session=True,
             )
+            self._process = started
+            self._hearing.start()
         except BaseException:
-            os.close(heard)
+            # Ctrl-C while the process is up and nobody has it yet: it would go on by itself.
+            if started is not None:
+                self._process = started
+                self.kill()
+                started.wait()
+            if self._hearing.ident is None:
+                os.close(heard)
             raise
         finally:
             os.close(said)
-        self._tail = b""
-        self._lock = Lock()
-        self._hearing = Thread(target=self._hear, args=(heard,), name="detector", daemon=True)
-        self._hearing.start()
 
     def _hear(self, heard: int) -> None:
         try:

@@ -3,6 +3,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -363,6 +364,25 @@ def test_a_hanging_detector_does_not_outlive_who_asked_it(
         with suppress(ProcessLookupError):
             asking.kill()
         asking.communicate()
+
+
+@pytest.mark.slow
+def test_an_interrupt_while_a_command_is_started_ends_it_as_well(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pids = folder / "hung.pid"
+
+    def interrupted(_: threading.Thread) -> None:
+        until_s = time.monotonic() + 60
+        while not (pids.exists() and pids.read_text()) and time.monotonic() < until_s:
+            time.sleep(0.02)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+    with open_detector(command("hangs")) as detector, pytest.raises(KeyboardInterrupt):
+        detector(wanting(CALLS), FOLLOWUP, SAME)
+    for pid in pids.read_text().split():
+        assert ends_soon(int(pid), within_s=5.0)
 
 
 def test_a_time_that_is_none_and_photographs_that_are_none_are_refused() -> None:
