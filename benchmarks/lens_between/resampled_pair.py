@@ -45,7 +45,8 @@ class ResampledPair:
 
     ``near_dn`` has its mean ``near_mean_dn`` taken off and a taper at its border. ``far_dn`` is cut
     to whole blocks of eight, from ``top``, ``left`` of the photograph on; ``used`` are pixels that
-    both show. ``near_per_far`` is d(near x, near y) / d(far x, far y).
+    both show. ``near_per_far`` is d(near x, near y) / d(far x, far y). ``near_share``: of the
+    power of a noise of all near pixels, what ``near_dn`` has; beyond the near frame there is none.
     """
 
     near_dn: FloatArray
@@ -56,6 +57,7 @@ class ResampledPair:
     near_per_far: FloatArray
     top: int
     left: int
+    near_share: float = 1.0
 
     @property
     def near_px_per_sample(self) -> float:
@@ -108,7 +110,9 @@ def resampled(
         top=top,
         left=left,
     )
-    return replace(pair, near_dn=pair.near_dn * pair.taper)
+    taper = pair.taper
+    near_share = float(np.sum(np.square(taper * share)) / np.sum(np.square(taper)))
+    return replace(pair, near_dn=pair.near_dn * taper, near_share=near_share)
 
 
 class Folding:

@@ -132,7 +132,7 @@ class PairModel:
             steps = np.tile(compression.steps.ravel(), self._blocks.count)
             self._target = np.rint(self._target / steps) * steps
             self._half_step = 0.5 * steps
-        self._seen = self._series * self._true_share(near_noise_dn2)
+        self._seen = self._series * self._true_share(self.near_noise_dn2, lens_prior().mean)
 
     @property
     def blocks(self) -> int:
@@ -211,7 +211,8 @@ class PairModel:
         """The model with the near spectrum less noise, and less what its pixels alias."""
         made = copy(self)
         made.near_noise_dn2 = near_noise_dn2
-        made._seen = self._series * made._true_share(near_noise_dn2 + made._aliased(fit.lens))
+        other_dn2 = made.near_noise_dn2 + made._aliased(fit.lens)
+        made._seen = self._series * made._true_share(other_dn2, fit.lens)
         return made
 
     def displacement(self, fit: LensFit) -> tuple[FloatArray, FloatArray]:
@@ -353,13 +354,18 @@ class PairModel:
         scale = self.pair.near_px_per_sample / float(np.sum(self.pair.taper**2))
         return np.asarray(scale * smooth / np.maximum(share, 1e-9))
 
-    def _true_share(self, other_dn2: FloatArray | float) -> FloatArray:
+    def _true_share(self, other_dn2: FloatArray | float, lens: FloatArray) -> FloatArray:
         """Share of the near power that is not this."""
         power = np.maximum(self._power[self._kept], 1e-30)
         if self._compression is not None:
             # Rounding takes the noise with the detail where both are weak.
             return np.asarray(power / (power + other_dn2))
-        return np.asarray(np.clip(1 - other_dn2 / power, 0.0, 1.0))
+        # Pixels are compared within the near frame; beyond it, where the far photograph goes on,
+        # there is nothing of it, and less of the scene.
+        near = self.pair.near_share
+        beyond = (1 - near) * np.abs(self._between(lens)) ** 2
+        true = np.maximum(power - near * other_dn2, 0.0) / (near + beyond)
+        return np.asarray(true / (true + other_dn2 + 1e-30))
 
     def _aliased(self, lens: FloatArray) -> FloatArray:
         """Power at each kept frequency of what the near pixels alias to it."""
@@ -390,7 +396,8 @@ class PairModel:
         seen = map_coordinates(self._power, at / self.pair.finer, order=1, mode="grid-wrap")
         passed = np.abs(LensGrid(x, y).factors(lens).transfer) ** 2
         return np.asarray(
-            np.maximum(seen - self.near_noise_dn2, 0.0) / np.maximum(passed, _WEAKEST_POWER)
+            np.maximum(seen - self.pair.near_share * self.near_noise_dn2, 0.0)
+            / np.maximum(passed, _WEAKEST_POWER)
         )
 
 

@@ -32,7 +32,7 @@ from simulation.arrays import FloatArray
 from standoff.errors import REPORTED_ERRORS
 from tests.calibration.blob_scene import blob_photograph
 
-SEEDS = (6151, 6152)
+SEEDS = (7103, 7104)
 _QUICK = 4
 _ZOOM, _SHAPE = 2.0, (240, 320)
 _NOISES_DN = (0.0, 5.0, 20.0)
