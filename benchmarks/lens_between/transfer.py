@@ -357,14 +357,14 @@ class PairModel:
     def _true_share(self, other_dn2: FloatArray | float, lens: FloatArray) -> FloatArray:
         """Share of the near power that is not this."""
         power = np.maximum(self._power[self._kept], 1e-30)
-        if self._compression is not None:
-            # Rounding takes the noise with the detail where both are weak.
-            return np.asarray(power / (power + other_dn2))
         # Pixels are compared within the near frame; beyond it, where the far photograph goes on,
         # there is nothing of it, and less of the scene.
         near = self.pair.near_share
-        beyond = (1 - near) * np.abs(self._between(lens)) ** 2
-        true = np.maximum(power - near * other_dn2, 0.0) / (near + beyond)
+        whole = near + (1 - near) * np.abs(self._between(lens)) ** 2
+        if self._compression is None:
+            power = np.maximum(power - near * other_dn2, 0.0)
+        # Else rounding has taken the noise with the detail where both are weak.
+        true = power / whole
         return np.asarray(true / (true + other_dn2 + 1e-30))
 
     def _aliased(self, lens: FloatArray) -> FloatArray:
