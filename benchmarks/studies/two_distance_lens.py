@@ -2,9 +2,8 @@
 
 ``benchmarks/lens_between`` fits a lens of the prior, 400 drawn pupils, where ``two-distance`` fits
 a Gaussian. Both measure the pairs without an edge of the public benchmark's track ``psf``. Printed
-are errors of the MTF50 along x and y, and how many of the 95 % intervals hold the truth. The second
-table is what keeps the candidate from being used: a smooth scene, blobs behind a Gaussian, whose
-near photograph has noise and whose far one has none.
+are errors of the MTF50 along x and y, and how many of the 95 % intervals hold the truth; then a
+smooth scene, blobs behind a Gaussian, whose near photograph has noise and whose far one has none.
 
     OMP_NUM_THREADS=1 python -m benchmarks.studies.two_distance_lens [--seeds N,N,...]
 """
