@@ -39,7 +39,6 @@ intervals held the truth without it, 94 % with it.
 """
 
 _HALF_STEPS = np.linspace(0.0, 1.5, 1501)
-_LEAST_PIXEL = 0.02  # below, nothing is known of what is before the pixel
 _DIRECTIONS_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
 
 
@@ -72,21 +71,6 @@ class LensEstimate:
         return GaussianElements(
             px2=inverse @ np.array(variances), covariance=by_lens @ self.covariance @ by_lens.T
         )
-
-    def without_pixel(
-        self, fx: FloatArray, fy: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Transfer of the lens alone, its slopes, and weights: what the pixel passes of it."""
-        grid = LensGrid(fx, fy)
-        factors = grid.factors(self.lens)
-        weight = np.where(np.abs(grid.pixel) > _LEAST_PIXEL, grid.pixel, 0.0)
-        inverse = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight != 0)
-        lens = factors.transfer * inverse
-        # An odd part turns the phase: what is left is the contrast, with the sign of the even one.
-        size = np.maximum(np.abs(lens), 1e-300)
-        turn = np.where(lens.real < 0, -1.0, 1.0) * lens.conj() / size
-        slopes = np.real(turn * inverse * grid.slopes(factors))
-        return np.real(turn * lens), slopes, np.abs(weight)
 
     def _half_cy_per_px(self, angle_rad: float) -> tuple[float, FloatArray]:
         """Frequency of half contrast along a direction, and its derivatives by the parameters."""
