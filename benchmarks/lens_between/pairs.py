@@ -1,7 +1,6 @@
 """The lens of two photographs at two distances, and how sure it is."""
 
 from dataclasses import dataclass, replace
-from math import sqrt
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -11,12 +10,11 @@ from benchmarks.lens_between.lens_estimate import LensEstimate, lens_of
 from benchmarks.lens_between.lens_prior import GAUSSIAN_PARAMETERS, lens_prior
 from benchmarks.lens_between.resampled_pair import Alignment, resampled
 from benchmarks.lens_between.transfer import LensFit, PairModel
-from calibration.blind.two_distance import ClippedPixels, align_smoothly
+from calibration.blind.two_distance import align_smoothly
 from calibration.edges import JpegCompression
 from calibration.errors import PairError
 from simulation.arrays import FloatArray
 
-_REACH_PX = 4.2  # of the kernel between both at zoom sqrt(2), near px; it grows with the blur
 _SHARPEST_PX2 = 0.03  # the pixel alone has 1/12
 _FEWEST_BLOCKS = 100
 
@@ -60,12 +58,8 @@ def _model(pair: NearAndFar, alignment: Alignment) -> PairModel:
     """The model of aligned photographs; their blocks are those of the far file."""
     codes = pair.far_codes
     first = (0, 0) if codes is None else (codes.first_row, codes.first_col)
-    zoom = sqrt(abs(float(np.linalg.det(alignment.jacobian))))
-    reach_px = _REACH_PX * max(1.0, sqrt(zoom**2 - 1))
-    nothing = ClippedPixels.none(pair.near_dn.shape, pair.far_dn.shape)
-    away = nothing.away(alignment.y_px, alignment.x_px, 1.0, reach_px)
     model = PairModel(
-        resampled(pair.near_dn, pair.far_dn, alignment, away, first),
+        resampled(pair.near_dn, pair.far_dn, alignment, first),
         pair.near_noise_dn2 or 0.0,
         codes,
     )

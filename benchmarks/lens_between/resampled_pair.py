@@ -75,10 +75,9 @@ def resampled(
     near_dn: FloatArray,
     far_dn: FloatArray,
     alignment: Alignment,
-    away: BoolArray,
     first: tuple[int, int],
 ) -> ResampledPair:
-    """Interpolate the near photograph; ``away`` are far pixels that may be used.
+    """Interpolate the near photograph.
 
     The far photograph's first pixel is at row and column ``first`` of a block of cosines.
     """
@@ -104,7 +103,7 @@ def resampled(
         near_dn=share * seen + (1 - share) * beyond,
         near_mean_dn=float(near_dn.mean()),
         far_dn=_cut(far_dn, top, left, shape),
-        used=_cut(both & away, top, left, shape),
+        used=_cut(both, top, left, shape),
         finer=finer,
         near_per_far=alignment.jacobian,
         top=top,

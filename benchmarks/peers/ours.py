@@ -40,7 +40,7 @@ def contrasts(task: Task) -> list[EdgeContrast]:
             pair = [task.path("nearer_file"), task.path("file")]
             return gaussian_answers(
                 standoff.calibrate_psf(
-                    pair, method="two-distance", zoom=task.facts["zoom"], noise=_noise(task)
+                    pair, method="two-distance", zoom=task.facts["zoom"], noise=noise_of(task)
                 )
             )
         except CalibrationError as error:
@@ -117,7 +117,7 @@ def _changed(task: Task) -> ChangeScore:
             task.path("reference"),
             task.path("followup"),
             _calibrated(task),
-            noise=_noise(task),
+            noise=noise_of(task),
             hints=hints,
         )
     except (AnalysisError, CalibrationError, ApplicationError) as error:
@@ -141,12 +141,12 @@ def moved_pixels(found: ComparedPhotographs) -> BoolArray:
 
 def _calibrated(task: Task) -> PsfCalibration:
     try:
-        return standoff.calibrate_psf(task.path("chart"), noise=_noise(task))
+        return standoff.calibrate_psf(task.path("chart"), noise=noise_of(task))
     except CalibrationError as error:
         raise PeerError(f"chart: {error}") from error
 
 
-def _noise(task: Task) -> CaptureNoise | None:
+def noise_of(task: Task) -> CaptureNoise | None:
     """The noise of linear pictures; that of encoded ones is estimated."""
     noise = task.facts["noise"]
     if not task.is_linear or noise["variance_per_dn"] <= 0:

@@ -25,7 +25,7 @@ from itertools import pairwise
 from math import exp, log, pi, sqrt
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -96,30 +96,34 @@ def _shown(image: Float32Array) -> FloatArray:
     return np.asarray(np.log(np.maximum(np.concatenate([relative[1:], *edges]), 1e-9)))
 
 
-def _of_benchmark(seed: int, is_quick: bool) -> Iterator[_Seen]:
-    """The benchmark's photographs without an edge."""
+def pairs_without_edge(seed: int, count: int | None) -> Iterator[tuple[Task, dict[str, Any]]]:
+    """The benchmark's pairs without an edge, or the first of them, and the truth of each."""
     tasks = [
         task
         for task in benchmark_tasks("small", seed)
         if task.track == "psf" and task.name.startswith("photographs")
     ]
     with TemporaryDirectory() as folder:
-        for task in tasks[: _QUICK if is_quick else None]:
+        for task in tasks[:count]:
             made = task.rendered()
             for path, data in made.files.items():
                 (Path(folder) / path).parent.mkdir(parents=True, exist_ok=True)
                 (Path(folder) / path).write_bytes(data)
-            known = Task(track="psf", data=Path(folder), facts=made.task)
-            truth = [made.truth["edges"][way]["mtf50"] for way in ("x", "y")]
-            mtf50 = sqrt(truth[0] * truth[1])
-            for key in ("file", "nearer_file"):
-                yield _Seen(
-                    shown=_shown(known.linear(key).astype(np.float32)),
-                    group=made.truth["scene"].rsplit("-", 1)[0],
-                    pair=f"{seed} {task.name}",
-                    log_mtf50=log(mtf50),
-                    error=_single_image_error(known.path(key), mtf50),
-                )
+            yield Task(track="psf", data=Path(folder), facts=made.task), made.truth
+
+
+def _of_benchmark(seed: int, count: int | None) -> Iterator[_Seen]:
+    """The benchmark's photographs without an edge."""
+    for task, truth in pairs_without_edge(seed, count):
+        mtf50 = sqrt(truth["edges"]["x"]["mtf50"] * truth["edges"]["y"]["mtf50"])
+        for key in ("file", "nearer_file"):
+            yield _Seen(
+                shown=_shown(task.linear(key).astype(np.float32)),
+                group=truth["scene"].rsplit("-", 1)[0],
+                pair=f"{seed} {task.name}",
+                log_mtf50=log(mtf50),
+                error=_single_image_error(task.path(key), mtf50),
+            )
 
 
 def _single_image_error(path: Path, mtf50: float) -> float:
@@ -208,7 +212,7 @@ def main(
     seeds: Annotated[str, "of the benchmark, with commas"] = ",".join(map(str, SEEDS)),
 ) -> None:
     numbers = record.pick([int(seed) for seed in seeds.split(",")], [1, 2, 3])
-    seen = [one for seed in numbers for one in _of_benchmark(seed, record.is_quick)]
+    seen = [one for seed in numbers for one in _of_benchmark(seed, record.pick(None, _QUICK))]
     truth = np.array([one.log_mtf50 for one in seen])
     _say(record, "none looked at", np.expm1(np.median(truth) - truth))
     _say(record, "method single-image", np.array([one.error for one in seen]))

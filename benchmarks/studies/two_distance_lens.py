@@ -12,8 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from math import log, pi, sqrt
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import numpy as np
@@ -23,10 +21,11 @@ import standoff
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.lens_between.lens_estimate import LensEstimate
 from benchmarks.lens_between.pairs import NearAndFar, lens_between
+from benchmarks.peers.ours import noise_of
 from benchmarks.peers.program import LINEAR_MAX_DN, Task, srgb_decoded
+from benchmarks.studies.one_photograph import pairs_without_edge
 from calibration.edges import JpegCompression
 from calibration.registration import register_images
-from hil_mocks.benchmark_set import benchmark_tasks
 from simulation.arrays import FloatArray
 from standoff.errors import REPORTED_ERRORS
 from tests.calibration.blob_scene import blob_photograph
@@ -50,30 +49,19 @@ class _Found:
 
 def _pairs(seed: int, count: int | None) -> Iterator[_Found]:
     """What both find on the pairs of a seed."""
-    tasks = [
-        task
-        for task in benchmark_tasks("small", seed)
-        if task.track == "psf" and task.name.startswith("photographs")
-    ]
-    with TemporaryDirectory() as folder:
-        for task in tasks[:count]:
-            made = task.rendered()
-            for path, data in made.files.items():
-                (Path(folder) / path).parent.mkdir(parents=True, exist_ok=True)
-                (Path(folder) / path).write_bytes(data)
-            known = Task(track="psf", data=Path(folder), facts=made.task)
-            truth = np.array([made.truth["edges"][way]["mtf50"] for way in ("x", "y")])
-            for program, find in (("candidate", _candidate), ("two-distance", _in_use)):
-                try:
-                    mtf50, stated = find(known)
-                except REPORTED_ERRORS:
-                    continue
-                yield _Found(
-                    program=program,
-                    condition=made.truth["condition"],
-                    errors=tuple((mtf50 / truth - 1).tolist()),
-                    stated=tuple((stated / truth).tolist()),
-                )
+    for task, truth in pairs_without_edge(seed, count):
+        mtf50_true = np.array([truth["edges"][way]["mtf50"] for way in ("x", "y")])
+        for program, find in (("candidate", _candidate), ("two-distance", _in_use)):
+            try:
+                mtf50, stated = find(task)
+            except REPORTED_ERRORS:
+                continue
+            yield _Found(
+                program=program,
+                condition=truth["condition"],
+                errors=tuple((mtf50 / mtf50_true - 1).tolist()),
+                stated=tuple((stated / mtf50_true).tolist()),
+            )
 
 
 def _candidate(task: Task) -> tuple[FloatArray, FloatArray]:
@@ -99,7 +87,7 @@ def _along_axes(lens: LensEstimate) -> tuple[FloatArray, FloatArray]:
 
 def _in_use(task: Task) -> tuple[FloatArray, FloatArray]:
     files = [task.path("nearer_file"), task.path("file")]
-    psf = standoff.calibrate_psf(files, method="two-distance", zoom=task.facts["zoom"])
+    psf = standoff.calibrate_psf(files, method="two-distance", noise=noise_of(task))
     sigma = np.array([psf.sigma_x_px, psf.sigma_y_px])
     err = np.array([psf.sigma_x_err_px, psf.sigma_y_err_px])
     mtf50 = sqrt(log(2) / 2) / pi / sigma
