@@ -25,7 +25,7 @@ from analysis.reports._psf_field import (
 )
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.estimate import NORMAL_95, with_reach
-from calibration.psf import PsfCalibration
+from calibration.psf import PsfCalibration, Transfer2d
 from calibration.sharpness import (
     VERDICT_COLUMNS,
     SharpnessVerdict,
@@ -166,10 +166,19 @@ def _psf_section(psf: PsfCalibration) -> ReportSection:
         ),
         ReportFigure.if_drawn(
             None if transfer is None else plot_transfer_2d(transfer),
-            "Transfer function of optics and pixel, fitted to the pixels of all edges at once, "
-            f"with its pointwise 95 % band: {transfer}. Below 0, light and dark are "
-            "exchanged. Where a band leaves the figure, no edge tells that direction.",
+            _of_transfer(transfer),
         ),
+    )
+
+
+def _of_transfer(transfer: Transfer2d | None) -> str:
+    if transfer is None:
+        return ""
+    told = "no pixel tells that frequency" if transfer.pairs else "no edge tells that direction"
+    return (
+        "Transfer function of optics and pixel, fitted to the pixels of "
+        f"{transfer.measured_on} at once, with its pointwise 95 % band: {transfer}. Below 0, light "
+        f"and dark are exchanged. Where a band leaves the figure, {told}."
     )
 
 

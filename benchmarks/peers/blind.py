@@ -12,8 +12,9 @@ from scipy.optimize import nnls
 
 import standoff
 from benchmarks.peers.edges import Curve, GaussianEdge
+from benchmarks.peers.kernel_between import estimate_kernel
 from benchmarks.peers.program import EdgeContrast, PeerError, Program, Task
-from calibration.blind.two_distance import align_smoothly, estimate_kernel as kernel_between
+from calibration.blind.two_distance import align_smoothly
 from calibration.errors import CalibrationError, PairError
 from calibration.psf import PsfCalibration
 from simulation.arrays import FloatArray
@@ -36,7 +37,7 @@ def curve_of_kernel(weights: FloatArray, zoom: float, axis: int) -> Curve:
     return Curve(freq=_FREQ, contrast=contrast)
 
 
-def _delbracio(task: Task) -> list[EdgeContrast]:
+def delbracio(task: Task) -> list[EdgeContrast]:
     """Kernel between the two photographs by non-negative least squares, without any model of it.
 
     M. Delbracio, A. Almansa, P. Musé, J.-M. Morel, "Subpixel point spread function estimation from
@@ -48,7 +49,7 @@ def _delbracio(task: Task) -> list[EdgeContrast]:
     reach = _KERNEL_SIGMAS * _WIDEST_SIGMA_PX * np.sqrt(zoom**2 - 1)
     radius = int(np.clip(np.ceil(reach), 4, 12))
     try:
-        found = kernel_between(near, far, align_smoothly(near, far, matrix), radius_px=radius)
+        found = estimate_kernel(near, far, align_smoothly(near, far, matrix), radius_px=radius)
     except PairError as error:
         raise PeerError(str(error)) from error
     # The offset is free: it is eliminated, so that the weights alone are not negative.
@@ -134,7 +135,7 @@ PROGRAMS = (
         name="delbracio",
         given="the two-distance method of Delbracio and others (2012), written out here: both "
         "photographs, their zoom and homography",
-        answers={"psf": of_photographs(_delbracio)},
+        answers={"psf": of_photographs(delbracio)},
     ),
     Program(
         name="single-image",

@@ -5,7 +5,6 @@ from scipy.ndimage import label
 
 import standoff
 from analysis.errors import AnalysisError
-from benchmarks.peers.blind import gaussian_answers
 from benchmarks.peers.program import (
     CONTRAST_FREQ_CY_PER_PX,
     AlignedPoints,
@@ -38,13 +37,11 @@ def contrasts(task: Task) -> list[EdgeContrast]:
     if task.facts["kind"] == "photographs":
         try:
             pair = [task.path("nearer_file"), task.path("file")]
-            return gaussian_answers(
-                standoff.calibrate_psf(
-                    pair, method="two-distance", zoom=task.facts["zoom"], noise=noise_of(task)
-                )
-            )
+            # The zoom that the task gives would be taken for one about the frame's centre.
+            psf = standoff.calibrate_psf(pair, method="two-distance", noise=noise_of(task))
         except CalibrationError as error:
             raise PeerError(str(error)) from error
+        return along_axes(psf)
     found = standoff.measure_edges(task.path("file"))
     answers = []
     for asked in task.facts["edges"]:
@@ -61,6 +58,22 @@ def contrasts(task: Task) -> list[EdgeContrast]:
             longest = max(beside, key=lambda edge: edge.length_px)
             answers.append(_contrast(asked["edge"], longest))
     return answers
+
+
+def along_axes(psf: PsfCalibration) -> list[EdgeContrast]:
+    """Contrasts along x and y of the measured transfer."""
+    transfer = psf.transfer_2d
+    assert transfer is not None  # of every pair of photographs
+    freq, nothing = np.array(CONTRAST_FREQ_CY_PER_PX), np.zeros(len(CONTRAST_FREQ_CY_PER_PX))
+    return [
+        EdgeContrast(
+            edge=axis,
+            mtf50=transfer.mtf50_cy_per_px(angle_deg),
+            mtf50_standard_error=transfer.mtf50_err_cy_per_px(angle_deg),
+            contrasts=tuple(np.abs(transfer.otf(fx, fy)).tolist()),
+        )
+        for axis, angle_deg, fx, fy in (("x", 0.0, freq, nothing), ("y", 90.0, nothing, freq))
+    ]
 
 
 def _contrast(name: str, edge: EdgeMeasurement) -> EdgeContrast:

@@ -21,7 +21,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from benchmarks.harness import Recorder, benchmark
-from calibration.blind import calibrate_from_scene, pair_psf
+from calibration.blind import NearAndFar, calibrate_from_scene, pair_psf
+from calibration.blind.two_distance import ClippedPixels
 from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
 from simulation.arrays import FloatArray
@@ -155,7 +156,10 @@ def _by_distances(sigma_px: float, seed: int) -> Variances:
     """The same from that photograph and one of the scene from twice as far away."""
     near, far = (TOP_DN * dead_leaves(TABLE_SHAPE, sigma_px, seed, zoom=z) for z in (1, 2))
     matrix = np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]])
-    return _between(pair_psf(near, far, matrix).covariance_px2)
+    clipped = ClippedPixels.none(near.shape, far.shape)
+    pair = NearAndFar(near_dn=near, far_dn=far, clipped=clipped)
+    xx, xy, yy = pair_psf(pair, matrix).gaussian.px2
+    return _between(np.array([[xx, xy], [xy, yy]]))
 
 
 def _between(covariance_px2: FloatArray | None) -> Variances:

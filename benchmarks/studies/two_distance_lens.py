@@ -1,45 +1,46 @@
-"""The transfer of any lens from photographs at two distances: a candidate beside what is in use.
+"""The lens from photographs at two distances, beside the kernel between them without any model.
 
-``benchmarks/lens_between`` fits a lens of the prior, 400 drawn pupils, where ``two-distance`` fits
-a Gaussian. Both measure the pairs without an edge of the public benchmark's track ``psf``. Printed
-are errors of the MTF50 along x and y, and how many of the 95 % intervals hold the truth; then a
-smooth scene, blobs behind a Gaussian, whose near photograph has noise and whose far one has none.
+Both measure the pairs without an edge of the public benchmark's track ``psf``. Printed are errors
+of the MTF50 along x and y, and how many of the 95 % intervals hold the truth. Pairs of no or little
+noise are measured once more as a phone stores them: tinted, as JPEG 95 of half as many chroma
+samples. Then a smooth scene, blobs behind a Gaussian, whose near photograph has noise and whose far
+one has none.
 
     OMP_NUM_THREADS=1 python -m benchmarks.studies.two_distance_lens [--seeds N,N,...]
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
-from math import log, pi, sqrt
-from typing import Annotated
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any
 
 import numpy as np
 from PIL import Image
 
 import standoff
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.lens_between.lens_estimate import LensEstimate
-from benchmarks.lens_between.pairs import NearAndFar, lens_between
-from benchmarks.peers.ours import noise_of
-from benchmarks.peers.program import LINEAR_MAX_DN, Task, srgb_decoded
+from benchmarks.peers import blind, ours
+from benchmarks.peers.program import EdgeContrast, PeerError, Task
 from benchmarks.studies.one_photograph import pairs_without_edge
-from calibration.edges import JpegCompression
-from calibration.registration import register_images
-from simulation.arrays import FloatArray
-from standoff.errors import REPORTED_ERRORS
-from tests.calibration.blob_scene import blob_photograph
+from calibration.blind import NearAndFar, pair_psf
+from calibration.blind.two_distance import ClippedPixels
+from tests.calibration.blob_scene import blob_photograph, far_to_near
 
-SEEDS = (7103, 7104)
+SEEDS = (7105, 7106)
 _QUICK = 4
 _ZOOM, _SHAPE = 2.0, (240, 320)
 _NOISES_DN = (0.0, 5.0, 20.0)
 _WIDTHS_PX2 = (0.45, 0.33)
+_TINT, _CHROMA, _QUALITY = (1.0, 0.85, 0.6), "4:2:0", 95
+_COLOUR = "colour JPEG"
+_IN_COLOUR = ("clean", "little noise")
+_PROGRAMS = {"standoff": ours.contrasts, "delbracio": blind.delbracio}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Found:
-    """Relative errors of the MTF50 along both axes, those stated, and of whom."""
+    """Relative errors of the MTF50 along both axes, and those stated, NaN where none is."""
 
     program: str
     condition: str
@@ -50,98 +51,78 @@ class _Found:
 def _pairs(seed: int, count: int | None) -> Iterator[_Found]:
     """What both find on the pairs of a seed."""
     for task, truth in pairs_without_edge(seed, count):
-        mtf50_true = np.array([truth["edges"][way]["mtf50"] for way in ("x", "y")])
-        for program, find in (("candidate", _candidate), ("two-distance", _in_use)):
+        for program, find in _PROGRAMS.items():
             try:
-                mtf50, stated = find(task)
-            except REPORTED_ERRORS:
+                yield _judged(program, truth["condition"], find(task), truth)
+            except PeerError:
                 continue
-            yield _Found(
-                program=program,
-                condition=truth["condition"],
-                errors=tuple((mtf50 / mtf50_true - 1).tolist()),
-                stated=tuple((stated / mtf50_true).tolist()),
-            )
+        if truth["condition"] in _IN_COLOUR:
+            yield _judged("standoff", _COLOUR, _in_colour(task), truth)
 
 
-def _candidate(task: Task) -> tuple[FloatArray, FloatArray]:
-    near, far = task.linear("nearer_file"), task.linear("file")
-    pair = NearAndFar(
-        near_dn=near,
-        far_dn=far,
-        near_noise_dn2=_noise_dn2(task, near),
-        near_codes=_codes(task, "nearer_file"),
-        far_codes=_codes(task, "file"),
+def _judged(
+    program: str, condition: str, answers: list[EdgeContrast], truth: dict[str, Any]
+) -> _Found:
+    true = [truth["edges"][answer.edge]["mtf50"] for answer in answers]
+    both = [
+        (answer.mtf50 / one - 1, (answer.mtf50_standard_error or np.nan) / one)
+        for answer, one in zip(answers, true, strict=True)
+        if answer.mtf50 is not None
+    ]
+    return _Found(
+        program=program,
+        condition=condition,
+        errors=tuple(error for error, _ in both),
+        stated=tuple(stated for _, stated in both),
     )
-    return _along_axes(lens_between(pair, register_images(near, far).pose.nearest_homography()))
 
 
-def _along_axes(lens: LensEstimate) -> tuple[FloatArray, FloatArray]:
-    """MTF50 along x and y, and its standard errors, in cy/px."""
-    gaussian = lens.nearest_gaussian()
-    px2 = gaussian.px2[[0, 2]]
-    err_px2 = np.sqrt(np.diag(gaussian.covariance))[[0, 2]]
-    mtf50 = np.sqrt(log(2) / 2 / px2) / pi
-    return mtf50, mtf50 * err_px2 / px2 / 2
-
-
-def _in_use(task: Task) -> tuple[FloatArray, FloatArray]:
-    files = [task.path("nearer_file"), task.path("file")]
-    psf = standoff.calibrate_psf(files, method="two-distance", noise=noise_of(task))
-    sigma = np.array([psf.sigma_x_px, psf.sigma_y_px])
-    err = np.array([psf.sigma_x_err_px, psf.sigma_y_err_px])
-    mtf50 = sqrt(log(2) / 2) / pi / sigma
-    return mtf50, mtf50 * err / sigma
-
-
-def _noise_dn2(task: Task, near_dn: FloatArray) -> float | None:
-    """Of linear pictures; that of encoded ones is told by the pair."""
-    noise = task.facts["noise"]
-    if not task.is_linear:
-        return None
-    level = float(near_dn.mean()) - float(task.facts["black_level"])
-    return float(noise["variance_at_black_dn2"]) + float(noise["variance_per_dn"]) * level
-
-
-def _codes(task: Task, key: str) -> JpegCompression | None:
-    """How a picture was compressed, and the levels of its codes."""
-    path = task.path(key)
-    if path.suffix != ".jpg":
-        return None
-    with Image.open(BytesIO(path.read_bytes())) as opened:
-        steps = np.array(opened.quantization[0], dtype=np.float64).reshape(8, 8)  # type: ignore[attr-defined]  # JPEG's own
-    levels = LINEAR_MAX_DN * srgb_decoded(np.arange(256.0) / 255)
-    return JpegCompression(steps=steps, code_levels_dn=levels)
+def _in_colour(task: Task) -> list[EdgeContrast]:
+    """What a pair says as tinted JPEGs, at any exposure."""
+    both = [task.linear(key) for key in ("nearer_file", "file")]
+    white = max(float(np.quantile(image, 0.999)) for image in both) / 0.95
+    with TemporaryDirectory() as folder:
+        paths = [Path(folder) / name for name in ("near.jpg", "far.jpg")]
+        for path, image in zip(paths, both, strict=True):
+            light = np.clip(image[..., None] / white * np.array(_TINT), 0.0, 1.0)
+            dark, bright = 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055  # IEC 61966-2-1
+            codes = np.rint(255 * np.where(light <= 0.0031308, dark, bright)).astype(np.uint8)
+            Image.fromarray(codes).save(path, quality=_QUALITY, subsampling=_CHROMA)
+        return ours.along_axes(standoff.calibrate_psf(paths, method="two-distance"))
 
 
 def _say_pairs(record: Recorder, found: list[_Found]) -> None:
-    for program in ("candidate", "two-distance"):
+    for program in _PROGRAMS:
         for condition in ("", *sorted({one.condition for one in found})):
             own = [one for one in found if one.program == program]
-            own = [one for one in own if condition in ("", one.condition)]
+            own = [one for one in own if one.condition == (condition or one.condition)]
+            if not condition:  # beside each other: of the same files
+                own = [one for one in own if one.condition != _COLOUR]
             if not own:
                 continue
             errors = np.array([error for one in own for error in one.errors])
             stated = np.array([error for one in own for error in one.stated])
-            held = 100 * float(np.mean(np.abs(errors) <= 1.96 * stated))
-            median = 100 * float(np.median(np.abs(errors)))
-            record.say(
-                f"  {program:14} {condition or 'all':14} {len(own):3d} pairs, median {median:.2f} "
-                f"%, {held:.0f} % of intervals hold, {100 * np.abs(errors).max():.1f} % at most"
-            )
+            median, most = (100 * float(of(np.abs(errors))) for of in (np.median, np.max))
+            words = f"{len(own):3d} pairs, median {median:.2f} %, {most:.1f} % at most"
+            if np.isfinite(stated).all():
+                held = 100 * float(np.mean(np.abs(errors) <= 1.96 * stated))
+                words += f", {held:.0f} % of intervals hold"
+            record.say(f"  {program:10} {condition or 'all':14} {words}")
             if not condition:
                 record.figure(f"two distances: median error of MTF50, {program}", median, "%")
-                record.figure(f"two distances: 95 % intervals that hold, {program}", held, "%")
 
 
 def _say_blobs(record: Recorder, noise_dn: float) -> None:
     """A smooth scene, of which only the near photograph has noise."""
     near, far = (blob_photograph(zoom, np.diag(_WIDTHS_PX2), shape=_SHAPE) for zoom in (1.0, _ZOOM))
     noisy = near + np.random.default_rng(5).normal(0, noise_dn, near.shape)
-    down, right = ((side - 1) / 2 * (1 - _ZOOM) for side in _SHAPE)
-    to_near = np.array([[_ZOOM, 0, right], [0, _ZOOM, down], [0, 0, 1]])
-    pair = NearAndFar(near_dn=noisy, far_dn=far, near_noise_dn2=noise_dn**2)
-    gaussian = lens_between(pair, to_near).nearest_gaussian()
+    pair = NearAndFar(
+        near_dn=noisy,
+        far_dn=far,
+        clipped=ClippedPixels.none(_SHAPE, _SHAPE),
+        near_noise_dn2=noise_dn**2,
+    )
+    gaussian = pair_psf(pair, far_to_near(_ZOOM)).gaussian
     sigma = np.sqrt(gaussian.px2[[0, 2]])
     err = np.sqrt(np.diag(gaussian.covariance))[[0, 2]] / sigma / 2
     off = sigma / np.sqrt(_WIDTHS_PX2) - 1

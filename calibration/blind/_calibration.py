@@ -19,11 +19,26 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize
 from scipy.special import erfcx, log_ndtr
 
-from calibration.blind.two_distance import LEAST_ZOOM, ClippedPixels, PairPsf, combined, pair_psf
+from calibration.blind._lens_estimate import LensEstimate
+from calibration.blind._lens_prior import GAUSSIAN_PARAMETERS
+from calibration.blind.two_distance import (
+    LEAST_ZOOM,
+    ClippedPixels,
+    NearAndFar,
+    PairPsf,
+    combined,
+    pair_psf,
+)
 from calibration.choices import CalibrationMethod
-from calibration.edges import EdgeImage, EdgeMeasurement, Region, edges_of_image
+from calibration.edges import EdgeImage, EdgeMeasurement, JpegCompression, Region, edges_of_image
 from calibration.errors import NoEdgeError, PairError, RegistrationError
-from calibration.psf import PairWidths, PsfCalibration, estimates_of_covariance
+from calibration.psf import (
+    PairWidths,
+    PsfCalibration,
+    SampledLens,
+    Transfer2d,
+    estimates_of_covariance,
+)
 from calibration.registration import register_images, zoom_at_centre
 from simulation.arrays import BoolArray, FloatArray
 
@@ -164,15 +179,11 @@ SCENE_ERR = 0.2
 The RMS of 39 calibrations from four prints, through lenses of 0.4 to 1.3 px.
 """
 
-FORM_ERR = 0.05
-"""Relative error of two distances' widths beyond that of noise: a Gaussian stands for any lens.
-
-In the public benchmark's pairs (seed 1, without JPEG) MTF50 was off by 0.053 in the RMS through
-lenses with aberrations or at the diffraction limit, in 22 directions, by 0.006 through Gaussians.
-"""
-
 _ZOOM_OFF = 0.03
 """Relative error of the zoom beyond which it explains why photographs do not match."""
+
+_TRANSFER_FREQ_CY_PER_PX = np.linspace(0.02, 1.3, 65)
+_TRANSFER_ANGLES_RAD = np.arange(24) * (pi / 24)
 
 _SHIFT_OFF_PX = 5.0
 """The same for the distance of the centres, near px: a smaller one the alignment takes up."""
@@ -226,10 +237,11 @@ def calibrate_from_distances(
 ) -> PsfCalibration:
     """Measure the PSF from scenes photographed at two or more distances (method two-distance).
 
-    A Gaussian lens is found to 1 %; of others the Gaussian's MTF50 is some 5 % off, and the errors
-    say so. ``series`` are photographs of each scene, the nearest first; ``zoom`` is the ratio of
-    the distances where matched features do not suffice, ``region`` returns the part of the nearest
-    to use. A `PairError` is that of the first pair, if none determines the PSF.
+    Of any lens: its transfer is ``transfer_2d``, and the widths are those of the Gaussian with the
+    same MTF50 in four directions. ``series`` are photographs of each scene, the nearest first;
+    ``zoom`` is the ratio of the distances where matched features do not suffice, ``region`` returns
+    the part of the nearest to use. A `PairError` is that of the first pair, if none determines the
+    PSF.
     """
     found: list[tuple[EdgeImage, EdgeImage, PairPsf]] = []
     failures: list[tuple[EdgeImage, EdgeImage, PairError]] = []
@@ -254,15 +266,32 @@ def calibrate_from_distances(
             reason=fault.reason,
             photographs=fault.photographs or (near.name, far.name),
         ) from fault
-    elements, errors = combined([pair for _, _, pair in found])
-    xx, xy, yy = elements
-    covariance_px2 = np.array([[xx, xy], [xy, yy]])
-    return _calibration(
-        covariance_px2,
-        errors + _of_widths(covariance_px2, FORM_ERR),
+    together = combined([pair for _, _, pair in found])
+    xx, xy, yy = together.gaussian.px2
+    gaussian = _calibration(
+        np.array([[xx, xy], [xy, yy]]),
+        together.gaussian.covariance,
         "two-distance",
         pairs=tuple(_widths(near.name, far.name, pair) for near, far, pair in found),
     )
+    return gaussian.model_copy(update={"transfer_2d": _transfer(together.lens, len(found))})
+
+
+def _transfer(lens: LensEstimate, pairs: int) -> Transfer2d:
+    """The transfer over both axes as psf.json stores it."""
+    freq, angle = np.meshgrid(_TRANSFER_FREQ_CY_PER_PX, _TRANSFER_ANGLES_RAD)
+    fx, fy = (freq * np.cos(angle)).ravel(), (freq * np.sin(angle)).ravel()
+    transfer, slopes, weight = lens.without_pixel(fx, fy)
+    sampled = SampledLens(
+        fx=fx,
+        fy=fy,
+        transfer=transfer,
+        slopes=slopes,
+        covariance=lens.covariance,
+        weight=weight,
+        gaussian_px2=lens.lens[:GAUSSIAN_PARAMETERS],
+    )
+    return Transfer2d.of_sampled(sampled, pairs)
 
 
 def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | None) -> PairPsf:
@@ -279,13 +308,29 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
         window = np.s_[region.y_px : bottom, region.x_px : right]
         image, clipped = image[window], replace(clipped, near=clipped.near[window])
         at = np.array([[1, 0, -region.x_px], [0, 1, -region.y_px], [0, 0, 1]]) @ matrix
-    noise_dn2 = 0.0 if near.noise is None else float(near.noise.variance_dn2(image).mean())
+    codes = _codes(near)
+    if codes is not None and region is not None:
+        codes = codes.cropped(region.y_px, region.x_px)
+    both = NearAndFar(
+        near_dn=image,
+        far_dn=far.image_dn,
+        clipped=clipped,
+        near_noise_dn2=None if near.noise is None else float(near.noise.variance_dn2(image).mean()),
+        near_codes=codes,
+        far_codes=_codes(far),
+    )
     try:
-        return pair_psf(image, far.image_dn, at, near_noise_dn2=noise_dn2, clipped=clipped)
+        return pair_psf(both, at)
     except PairError as error:
         if zoom is None or error.reason == "saturated":
             raise
         raise _why_not(near, far, zoom, error) from error
+
+
+def _codes(source: EdgeImage) -> JpegCompression | None:
+    """How a photograph was compressed, if its plane follows from what was."""
+    codes = source.compression
+    return codes if codes is not None and codes.is_luma else None
 
 
 def _clipped(source: EdgeImage) -> BoolArray:
@@ -382,8 +427,9 @@ def _centred_zoom(zoom: float, near: tuple[int, ...], far: tuple[int, ...]) -> F
 
 
 def _widths(near: str, far: str, pair: PairPsf) -> PairWidths:
-    sigma_x, sigma_y = np.sqrt(np.diag(pair.covariance_px2)).tolist()
-    err_xx, _, err_yy = np.sqrt(np.diag(pair.covariance_err_px2)).tolist()
+    gaussian = pair.gaussian
+    sigma_x, sigma_y = np.sqrt(gaussian.px2[[0, 2]]).tolist()
+    err_xx, _, err_yy = np.sqrt(np.diag(gaussian.covariance)).tolist()
     return PairWidths(
         near=near,
         far=far,

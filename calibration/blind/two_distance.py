@@ -5,29 +5,25 @@ leaves out the lens's distortion, and two photographs see the same point under d
 Both change slowly over the frame: a cubic displacement and a quartic gain are added to the
 homography, found by Gauss-Newton from coarse to fine.
 
-The blur kernel between a near photograph and a far one of the same scene. Delbracio, Almansa, Musé,
-Morel: Subpixel point spread function estimation from two photographs at different distances. SIAM
-J. Imaging Sciences 5 (2012) 1234-1260. With the near image interpolated at the positions of the far
-pixels, the far image is linear in the kernel between them. Two things are added here: the near
-image's own noise is removed from the normal equations (it would widen the kernel), and a model of
-the kernel can be fitted to them just as to the pixels themselves.
-
 The camera blurs both photographs equally in its own pixels. In near pixels, the far PSF is the same
-PSF stretched by A = d near / d far, so that the kernel between the photographs has the covariance
-``A Sigma A' - Sigma``, which is linear in Sigma. For a pure zoom-out z it is ``(z^2 - 1) Sigma``.
+PSF stretched by A = d near / d far, so that the kernel between the photographs tells the lens: see
+`_transfer`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
-from math import ceil, sqrt
-from typing import Final, Self
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import BSpline
-from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, spline_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
+from calibration.blind._cosine_blocks import before_rounding
+from calibration.blind._lens_estimate import GaussianElements, LensEstimate, lens_of
+from calibration.blind._lens_prior import lens_prior
+from calibration.blind._resampled_pair import resampled
+from calibration.blind._transfer import LensFit, PairModel
+from calibration.edges import JpegCompression
 from calibration.errors import PairError
 from simulation.arrays import BoolArray, FloatArray
 
@@ -43,6 +39,8 @@ _CLIPPED_REACH_PX = 3.0
 _FINE_PX = 1.5
 """Levels at which the correlation is looked at: the coarse ones leave little in small frames, the
 finest more noise."""
+
+_MOSTLY = 0.5
 
 _SLOW_PX = 8.0
 """Width beyond which what both photographs show is taken for their light."""
@@ -71,7 +69,7 @@ class ClippedPixels:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _SmoothAlignment:
+class SmoothAlignment:
     """Near coordinates and gain of every far pixel, each in the shape of the far image.
 
     ``far(p) = gain(p) (blurred near)(y(p), x(p)) + offset``. ``jacobian``, shape (2, 2), is the
@@ -90,11 +88,11 @@ def align_smoothly(
     far_dn: FloatArray,
     far_to_near: FloatArray,
     clipped: ClippedPixels | None = None,
-) -> _SmoothAlignment:
+) -> SmoothAlignment:
     """Refine a homography, right to a few px, by a smooth displacement and gain."""
     rows, cols = np.mgrid[: far_dn.shape[0], : far_dn.shape[1]].astype(np.float64)
     start_y, start_x = _projected(far_to_near, rows, cols)
-    inside = _inside(start_y, start_x, near_dn.shape)
+    inside = _inside(start_y, start_x, near_dn.shape) & _inside(rows, cols, far_dn.shape)
     if np.count_nonzero(inside) < _LEAST_PIXELS:
         raise PairError(
             "the two photographs hardly overlap: photograph the same scene in both",
@@ -141,7 +139,7 @@ def align_smoothly(
     x = start_x + np.tensordot(move_x, moves, axes=1)
     y = start_y + np.tensordot(move_y, moves, axes=1)
     seen_by_both = inside & _inside(y, x, near_dn.shape)
-    return _SmoothAlignment(
+    return SmoothAlignment(
         y_px=y,
         x_px=x,
         gain=np.tensordot(gain, gains, axes=1),
@@ -212,324 +210,184 @@ def _slopes(image: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(down), np.asarray(right)
 
 
-_ORDER: Final = 5  # of the interpolating spline: flat to 1 % up to 0.85 of the Nyquist frequency
-_TAPS = _ORDER + 1
-_CHUNK = 2048
-_MOST_PIXELS = 120_000
-_PHASES = 32
-_REACH = 24  # samples after which the cardinal spline is negligible
+LEAST_ZOOM = 1.1
+_LEAST_CORRELATION = 0.6
+"""Of aligned photographs; scenes that do not match reach 0.47, as their shapes are bent to fit."""
+_REACH_PX = 4.2  # of the kernel between both at zoom sqrt(2), near px; it grows with the blur
+_SHARPEST_PX2 = 0.06  # the pixel alone has 1/12
+_FEWEST_BLOCKS = 100
+MOST_PIXELS = 150_000
+_COARSE_PX = 8
+_BESIDE_PX = 32.0  # near, beside the middle: more than the kernel reaches
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _InterImageKernel:
-    """Normal equations of the weights of the kernel between two photographs.
+class NearAndFar:
+    """Two photographs of a scene; what is not known is None.
 
-    ``far(p) = sum_q weights[r + q] near(H p + q) + offset``: the unknowns are the weights, row by
-    row, and the offset; r is ``radius_px``, in near pixels. ``normal`` is without the near image's
-    noise, so that it may be negative somewhere; ``noisy_normal`` is what the pixels give.
+    ``near_noise_dn2`` is the noise of a near pixel, ``near_codes`` and ``far_codes`` say how the
+    files were compressed.
     """
 
-    radius_px: int
-    normal: FloatArray
-    noisy_normal: FloatArray
-    right: FloatArray
-    squares: float
-    pixels: int
-
-    def squared_error(self, unknowns: FloatArray) -> float:
-        """Sum of the squared differences at the far pixels, without the near image's noise."""
-        return float(self.squares - 2 * self.right @ unknowns + unknowns @ self.normal @ unknowns)
-
-
-def estimate_kernel(
-    near_dn: FloatArray,
-    far_dn: FloatArray,
-    alignment: _SmoothAlignment,
-    *,
-    radius_px: int,
-    near_noise_dn2: float = 0.0,
-    clipped: ClippedPixels | None = None,
-) -> _InterImageKernel:
-    """Normal equations of the kernel from a near photograph to a far one.
-
-    The kernel reaches ``radius_px`` near pixels and absorbs a remaining shift. The near noise is
-    that of a pixel, 0 where it is not known.
-    """
-    points = _far_points(alignment, near_dn.shape, radius_px, clipped)
-    unknowns = (2 * radius_px + 1) ** 2 + 1
-    if len(points.rows) < 4 * unknowns:
-        is_clipped = len(_far_points(alignment, near_dn.shape, radius_px, None).rows) > 4 * unknowns
-        raise PairError(
-            f"only {len(points.rows)} pixels of the far image are inside the near one"
-            f"{' and away from clipped ones' if is_clipped else ''}, {4 * unknowns} are needed: "
-            f"{'shorten the exposure' if is_clipped else 'photograph the same scene in both'}",
-            reason="saturated" if is_clipped else "little_overlap",
-        )
-    # Means are subtracted to reduce rounding errors; the offset absorbs them.
-    coefficients = spline_filter(near_dn - near_dn.mean(), order=_ORDER, mode="mirror")
-    values = (far_dn / alignment.gain)[points.rows, points.cols]
-    values = values - values.mean()
-    normal, right = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    for start in range(0, len(values), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        block = np.ones((len(values[part]), unknowns))
-        block[:, :-1] = _samples(coefficients, points.y[part], points.x[part], radius_px)
-        normal += block.T @ block
-        right += block.T @ values[part]
-    squares = float(values @ values)
-    noisy = normal.copy()
-    if near_noise_dn2 > 0:
-        normal[:-1, :-1] -= near_noise_dn2 * len(values) * _noise_covariance(points, radius_px)
-    return _InterImageKernel(
-        radius_px=radius_px,
-        normal=normal,
-        noisy_normal=noisy,
-        right=right,
-        squares=squares,
-        pixels=len(values),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _FarPoints:
-    rows: NDArray[np.intp]
-    cols: NDArray[np.intp]
-    y: FloatArray
-    x: FloatArray
-
-
-def _far_points(
-    alignment: _SmoothAlignment,
-    near_shape: tuple[int, ...],
-    radius_px: int,
-    clipped: ClippedPixels | None,
-) -> _FarPoints:
-    """Far pixels whose kernel is inside the near image, unclipped, thinned evenly to a limit."""
-    y, x = alignment.y_px, alignment.x_px
-    margin = radius_px + _TAPS
-    inside = (x >= margin) & (x <= near_shape[1] - 1 - margin)
-    inside &= (y >= margin) & (y <= near_shape[0] - 1 - margin)
-    if clipped is not None:
-        # The weights in the corners of the kernel are next to nothing.
-        inside &= clipped.away(y, x, 1.0, float(radius_px + 1))
-    chosen = np.flatnonzero(inside)
-    # A stride with no common factor with the rows spreads the pixels over the frame.
-    chosen = chosen[:: max(1, -(-len(chosen) // _MOST_PIXELS))]
-    rows, cols = np.unravel_index(chosen, inside.shape)
-    return _FarPoints(rows=rows, cols=cols, y=y.ravel()[chosen], x=x.ravel()[chosen])
-
-
-def _samples(coefficients: FloatArray, y: FloatArray, x: FloatArray, radius_px: int) -> FloatArray:
-    """The near image at (y, x) plus every offset of the kernel, shape ``(n, (2 r + 1)^2)``."""
-    width = 2 * radius_px + 1
-    first_y = np.floor(y).astype(np.intp) - _TAPS // 2 + 1 - radius_px
-    first_x = np.floor(x).astype(np.intp) - _TAPS // 2 + 1 - radius_px
-    span = width + _TAPS - 1
-    windows = np.lib.stride_tricks.sliding_window_view(coefficients, (span, span))
-    patches = windows[first_y, first_x]
-    taps_y, taps_x = _spline_taps(y - np.floor(y)), _spline_taps(x - np.floor(x))
-    along = np.zeros((len(y), span, width))
-    both = np.zeros((len(y), width, width))
-    for t in range(_TAPS):
-        along += taps_x[:, t, None, None] * patches[:, :, t : t + width]
-    for t in range(_TAPS):
-        both += taps_y[:, t, None, None] * along[:, t : t + width]
-    return both.reshape(len(y), -1)
-
-
-def _spline_taps(fraction: FloatArray) -> FloatArray:
-    """Weights of the six B-spline coefficients around each position, shape ``(n, 6)``."""
-    distance = fraction[:, None] - (np.arange(_TAPS) - _TAPS // 2 + 1)
-    return np.asarray(_basis()(distance))
-
-
-@cache
-def _basis() -> BSpline:
-    half = (_ORDER + 1) / 2
-    return BSpline.basis_element(np.arange(_ORDER + 2) - half, extrapolate=False)
-
-
-@cache
-def _interpolated_noise() -> FloatArray:
-    """Covariance of white noise interpolated at f and f + lag, by phase of f and by lag >= 0."""
-    unit = np.zeros(2 * _REACH + 1)
-    unit[_REACH] = 1.0
-    coefficients = spline_filter(unit, order=_ORDER, mode="mirror")
-    table = np.zeros((_PHASES, 2 * _REACH + 1))
-    for phase in range(_PHASES):
-        offsets = np.arange(-_REACH, _REACH + 1) + (phase + 0.5) / _PHASES
-        distance = offsets[:, None] - np.arange(-_REACH, _REACH + 1)
-        cardinal = np.nan_to_num(_basis()(distance)) @ coefficients
-        table[phase] = np.correlate(cardinal, cardinal, "full")[2 * _REACH :]
-    return table
-
-
-def _noise_covariance(points: _FarPoints, radius_px: int) -> FloatArray:
-    """Contribution of unit noise in the near image to the normal matrix, averaged over pixels."""
-    table = _interpolated_noise()
-    lag = np.abs(np.subtract.outer(np.arange(2 * radius_px + 1), np.arange(2 * radius_px + 1)))
-    axes = []
-    for position in (points.y, points.x):
-        phase = np.floor((position - np.floor(position)) * _PHASES).astype(np.intp) % _PHASES
-        axes.append((np.bincount(phase, minlength=_PHASES) / len(position)) @ table)
-    return np.asarray(np.kron(axes[0][lag], axes[1][lag]), dtype=np.float64)
-
-
-LEAST_ZOOM = 1.15
-_LEAST_CORRELATION = 0.6
-"""Of aligned photographs; scenes that do not match reach 0.47, as their shapes are bent to fit."""
-_WIDEST_SIGMA_PX = 1.2
-_REACH_SIGMAS = 3.5
-_RADII_PX = (4, 12)
-_GRID = 64  # samples of the kernel's transfer function along each axis
-_SHARPEST_PX2 = 0.03  # the pixel alone has 1/12
-_GAIN = 5  # index among the parameters of the Gaussian
-_MOST_STEPS = 50
-_CONVERGED = 1e-9
+    near_dn: FloatArray
+    far_dn: FloatArray
+    clipped: ClippedPixels
+    near_noise_dn2: float | None = None
+    near_codes: JpegCompression | None = None
+    far_codes: JpegCompression | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairPsf:
-    """Total PSF covariance from two photographs, px^2; its error is of (xx, xy, yy)."""
+    """What two photographs tell of the lens of lens and pixel, and their zoom."""
 
     zoom: float
-    covariance_px2: FloatArray
-    covariance_err_px2: FloatArray
+    fit: LensFit
+
+    @property
+    def gaussian(self) -> GaussianElements:
+        """The Gaussian nearest to the lens that this pair tells alone."""
+        return lens_of([self.fit]).nearest_gaussian()
 
 
-def pair_psf(
-    near_dn: FloatArray,
-    far_dn: FloatArray,
-    far_to_near: FloatArray,
-    *,
-    near_noise_dn2: float = 0.0,
-    clipped: ClippedPixels | None = None,
-) -> PairPsf:
-    """Total PSF from a near and a far photograph; without the near noise, noise counts as blur."""
-    alignment = align_smoothly(near_dn, far_dn, far_to_near, clipped)
+def pair_psf(pair: NearAndFar, far_to_near: FloatArray) -> PairPsf:
+    """Total PSF from a near and a far photograph, and a homography right to a few px.
+
+    Of large photographs the middle of what both show is measured: `MOST_PIXELS` of the far one.
+    """
+    pair, far_to_near = _middle(pair, far_to_near)
+    if pair.near_codes is not None:
+        pair = replace(pair, near_dn=before_rounding(pair.near_dn, pair.near_codes))
+    alignment = align_smoothly(pair.near_dn, pair.far_dn, far_to_near, pair.clipped)
     if alignment.correlation < _LEAST_CORRELATION:
         raise PairError(
             "the photographs do not match where they were expected to, their correlation is "
             f"{alignment.correlation:.2f}",
             reason="not_aligned",
         )
-    jacobian = alignment.jacobian
-    zoom = sqrt(abs(float(np.linalg.det(jacobian))))
+    zoom = sqrt(abs(float(np.linalg.det(alignment.jacobian))))
     if zoom < LEAST_ZOOM:
         raise PairError(
             f"the second photograph is {zoom:.3f} times as far away as the first; at least "
             f"{LEAST_ZOOM} is needed, and 2 is good",
             reason="one_distance",
         )
-    reach = _REACH_SIGMAS * _WIDEST_SIGMA_PX * sqrt(zoom**2 - 1)
-    radius = min(max(ceil(reach), _RADII_PX[0]), _RADII_PX[1])
-    kernel = estimate_kernel(
-        near_dn,
-        far_dn,
-        alignment,
-        radius_px=radius,
-        near_noise_dn2=near_noise_dn2,
-        clipped=clipped,
-    )
-    between, between_err = _gaussian_of(kernel)
-    # (A x A - I) vec Sigma = vec Sigma_k, for the three elements of symmetric matrices.
-    a, b, c, d = jacobian.ravel()
-    system = np.array(
-        [
-            [a * a - 1, 2 * a * b, b * b],
-            [a * c, a * d + b * c - 1, b * d],
-            [c * c, 2 * c * d, d * d - 1],
-        ]
-    )
-    inverse = np.linalg.inv(system)
-    xx, xy, yy = inverse @ between
+    first = _model(pair, alignment)
+    gaussian = first.fitted(first.start(lens_prior().mean), is_gaussian=True)
+    # The first fit's displacement is linear in the pixels, which blurs: they are resampled by it.
+    second = _model(pair, _moved(alignment, first, gaussian))
+    found = second.fitted(second.start(gaussian.lens))
+    noise_dn2 = pair.near_noise_dn2
+    if noise_dn2 is None:
+        noise_dn2 = second.found_noise_dn2(found)
+    told = PairPsf(zoom=zoom, fit=second.with_true_share(found, noise_dn2).fitted(found))
+    (xx, xy, yy) = told.gaussian.px2
     if np.linalg.eigvalsh([[xx, xy], [xy, yy]])[0] < _SHARPEST_PX2:
         raise PairError(
             "the far photograph is not softer than the near one: was it taken in focus?",
             reason="sharp",
         )
-    return PairPsf(
-        zoom=zoom,
-        covariance_px2=np.array([[xx, xy], [xy, yy]]),
-        covariance_err_px2=inverse @ between_err @ inverse.T,
+    return told
+
+
+def _middle(pair: NearAndFar, far_to_near: FloatArray) -> tuple[NearAndFar, FloatArray]:
+    """The middle of what both show, where that is more than is needed, and its homography."""
+    rows, cols = np.mgrid[: pair.far_dn.shape[0] : _COARSE_PX, : pair.far_dn.shape[1] : _COARSE_PX]
+    rows, cols = rows.astype(np.float64), cols.astype(np.float64)
+    both = _inside(*_projected(far_to_near, rows, cols), pair.near_dn.shape)
+    shown = np.count_nonzero(both) * _COARSE_PX**2
+    if shown <= MOST_PIXELS:
+        return pair, far_to_near
+    y, x = rows[both], cols[both]
+    share = sqrt(MOST_PIXELS / shown)
+    (bottom, top), (right, left) = (
+        (int(mean + half), max(int(mean - half), 0))
+        for mean, half in ((one.mean(), share * np.ptp(one) / 2) for one in (y, x))
+    )
+    corner_y, corner_x = np.meshgrid([top, bottom], [left, right], indexing="ij")
+    near_y, near_x = _projected(far_to_near, corner_y.astype(float), corner_x.astype(float))
+    near_top, near_left = (max(int(one.min() - _BESIDE_PX), 0) for one in (near_y, near_x))
+    near_end = int(near_y.max() + _BESIDE_PX), int(near_x.max() + _BESIDE_PX)
+    near = np.s_[near_top : near_end[0], near_left : near_end[1]]
+    far = np.s_[top:bottom, left:right]
+    cut = replace(
+        pair,
+        near_dn=pair.near_dn[near],
+        far_dn=pair.far_dn[far],
+        clipped=ClippedPixels(near=pair.clipped.near[near], far=pair.clipped.far[far]),
+        near_codes=pair.near_codes and pair.near_codes.cropped(near_top, near_left),
+        far_codes=pair.far_codes and pair.far_codes.cropped(top, left),
+    )
+    to_far = np.array([[1, 0, left], [0, 1, top], [0, 0, 1.0]])
+    to_near = np.array([[1, 0, -near_left], [0, 1, -near_top], [0, 0, 1.0]])
+    return cut, to_near @ far_to_near @ to_far
+
+
+def _model(pair: NearAndFar, alignment: SmoothAlignment) -> PairModel:
+    """The model of aligned photographs; their blocks are those of the far file."""
+    codes = pair.far_codes
+    first = (0, 0) if codes is None else (codes.first_row, codes.first_col)
+    zoom = sqrt(abs(float(np.linalg.det(alignment.jacobian))))
+    reach_px = _REACH_PX * max(1.0, sqrt(zoom**2 - 1))
+    away = pair.clipped.away(alignment.y_px, alignment.x_px, 1.0, reach_px)
+    model = PairModel(
+        resampled(pair.near_dn, pair.far_dn, alignment, away, first),
+        pair.near_noise_dn2 or 0.0,
+        codes,
+    )
+    if model.blocks < _FEWEST_BLOCKS:
+        is_clipped = float(np.mean(away)) < _MOSTLY
+        raise PairError(
+            f"only {model.blocks} blocks of 8 x 8 pixels of the far image are inside the near one"
+            f"{' and away from clipped pixels' if is_clipped else ''}, {_FEWEST_BLOCKS} are "
+            f"needed: {'shorten the exposure' if is_clipped else 'use larger photographs'}",
+            reason="saturated" if is_clipped else "little_overlap",
+        )
+    return model
+
+
+def _moved(alignment: SmoothAlignment, model: PairModel, fit: LensFit) -> SmoothAlignment:
+    """The alignment with the displacement that a fit has found."""
+    pair, shape = model.pair, alignment.y_px.shape
+    place = np.mgrid[: shape[0], : shape[1]] - np.array([pair.top, pair.left])[:, None, None]
+    x, y = (
+        map_coordinates(field, place, order=1, mode="nearest") for field in model.displacement(fit)
+    )
+    (xx, xy), (yx, yy) = pair.near_per_far
+    return replace(
+        alignment,
+        x_px=alignment.x_px + xx * x + xy * y,
+        y_px=alignment.y_px + yx * x + yy * y,
     )
 
 
-def combined(pairs: Sequence[PairPsf]) -> tuple[FloatArray, FloatArray]:
-    """Weighted mean of the elements (xx, xy, yy), with errors that hold how they disagree."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CombinedPairs:
+    """The lens of all pairs, and the Gaussian nearest to it, whose errors hold the disagreement."""
+
+    lens: LensEstimate
+    gaussian: GaussianElements
+
+
+def combined(pairs: Sequence[PairPsf]) -> CombinedPairs:
+    """The lens that all pairs tell, with errors that hold how they disagree."""
     if not pairs:
         raise ValueError("there is no pair of photographs")
-    elements = [pair.covariance_px2[[0, 0, 1], [0, 1, 1]] for pair in pairs]
-    weights = [np.linalg.inv(pair.covariance_err_px2) for pair in pairs]
-    covariance = np.linalg.inv(np.sum(weights, axis=0))
-    mean = covariance @ np.sum([w @ e for w, e in zip(weights, elements, strict=True)], axis=0)
-    if len(pairs) > 1:
-        chi2 = sum(
-            float((e - mean) @ w @ (e - mean)) for w, e in zip(weights, elements, strict=True)
-        )
-        covariance = covariance * max(1.0, chi2 / (3 * (len(pairs) - 1)))
-    return mean, covariance
+    lens = lens_of([pair.fit for pair in pairs])
+    factor = disagreement([pair.gaussian for pair in pairs])
+    lens = replace(lens, covariance=factor * lens.covariance)
+    return CombinedPairs(lens=lens, gaussian=lens.nearest_gaussian())
 
 
-def _gaussian_of(kernel: _InterImageKernel) -> tuple[FloatArray, FloatArray]:
-    """Covariance elements (xx, xy, yy) of the Gaussian that fits the pixels best, and their error.
-
-    Gauss-Newton on the squared error of the far pixels, with a shift, a gain and an offset free.
-    """
-    guess = _REACH_SIGMAS / kernel.radius_px
-    parameters = np.array([guess**-2, 0.0, guess**-2, 0.0, 0.0, 1.0, 0.0]) * 0.5
-    parameters[_GAIN] = 1.0
-    unknowns, slopes = _gaussian_kernel(parameters, kernel.radius_px)
-    error = kernel.squared_error(unknowns)
-    for _ in range(_MOST_STEPS):
-        system = slopes.T @ kernel.normal @ slopes
-        step = np.linalg.solve(system, slopes.T @ (kernel.right - kernel.normal @ unknowns))
-        for shrunk in 0.5 ** np.arange(12):
-            trial = parameters + shrunk * step
-            if not _is_covariance(trial):
-                continue
-            unknowns, slopes = _gaussian_kernel(trial, kernel.radius_px)
-            if kernel.squared_error(unknowns) <= error:
-                break
-        else:
-            break
-        gained, error = error - kernel.squared_error(unknowns), kernel.squared_error(unknowns)
-        parameters = trial
-        if gained <= _CONVERGED * error:
-            break
-    unknowns, slopes = _gaussian_kernel(parameters, kernel.radius_px)
-    # The pixels scatter about the model with the noise of both images.
-    noisy = error + float(unknowns @ (kernel.noisy_normal - kernel.normal) @ unknowns)
-    variance = noisy / max(kernel.pixels - len(parameters), 1)
-    inverse = np.linalg.inv(slopes.T @ kernel.normal @ slopes)
-    covariance = variance * inverse @ (slopes.T @ kernel.noisy_normal @ slopes) @ inverse
-    return parameters[:3], np.asarray(covariance[:3, :3])
-
-
-def _is_covariance(parameters: FloatArray) -> bool:
-    xx, xy, yy = parameters[:3]
-    return bool(xx > 0 and yy > 0 and xy**2 < xx * yy)
-
-
-def _gaussian_kernel(parameters: FloatArray, radius: int) -> tuple[FloatArray, FloatArray]:
-    """Weights and offset of a Gaussian kernel from its transfer function, and their derivatives."""
-    xx, xy, yy, shift_x, shift_y, gain, offset = parameters
-    fy, fx = np.meshgrid(np.fft.fftfreq(_GRID), np.fft.fftfreq(_GRID), indexing="ij")
-    exponent = -2 * np.pi**2 * (xx * fx**2 + 2 * xy * fx * fy + yy * fy**2)
-    transfer = np.exp(exponent - 2j * np.pi * (fx * shift_x + fy * shift_y))
-    factors = np.stack(
-        [
-            gain * -2 * np.pi**2 * fx**2,
-            gain * -4 * np.pi**2 * fx * fy,
-            gain * -2 * np.pi**2 * fy**2,
-            gain * -2j * np.pi * fx,
-            gain * -2j * np.pi * fy,
-            np.ones_like(fx),
-        ]
+def disagreement(found: Sequence[GaussianElements]) -> float:
+    """Reduced chi-squared of covariances about their weighted mean, at least 1."""
+    if len(found) < 2:
+        return 1.0
+    weights = [np.linalg.inv(one.covariance) for one in found]
+    total = np.linalg.inv(np.sum(weights, axis=0))
+    mean = total @ np.sum([w @ one.px2 for w, one in zip(weights, found, strict=True)], axis=0)
+    chi2 = sum(
+        float((one.px2 - mean) @ weight @ (one.px2 - mean))
+        for weight, one in zip(weights, found, strict=True)
     )
-    crop = np.r_[-radius : radius + 1]
-    grids = np.fft.ifft2(factors * transfer).real[:, crop[:, None], crop]
-    slopes = np.zeros((crop.size**2 + 1, len(parameters)))
-    slopes[:-1, :-1] = grids.reshape(len(grids), -1).T
-    slopes[-1, -1] = 1.0
-    return np.append(gain * slopes[:-1, _GAIN], offset), slopes
+    return max(1.0, chi2 / (3 * (len(found) - 1)))

@@ -50,6 +50,7 @@ from ._repeatability import capture_of as capture_of
 from ._softness import measure_softness as measure_softness
 from ._transfer_2d import (
     OtfTable as OtfTable,
+    SampledLens as SampledLens,
     Transfer2d as Transfer2d,
     measure_transfer_2d as measure_transfer_2d,
 )

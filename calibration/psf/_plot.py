@@ -96,7 +96,7 @@ def draw_transfer_2d(axes: Axes, transfer: "Transfer2d") -> None:
         xlim=(0, 1),
         xlabel="frequency / (cy/px)",
         ylabel="transfer (OTF)",
-        title=f"all edges together: {transfer.form}, with its 95 % band",
+        title=f"{transfer.measured_on} together: {transfer.form}, with its 95 % band",
     )
     axes.legend(fontsize=8)
 

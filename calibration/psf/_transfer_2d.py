@@ -42,7 +42,14 @@ from calibration.psf._otf_forms import (
     form_of,
 )
 from simulation.arrays import FloatArray
-from simulation.psf import GaussianPsf, LensOtf, MeasuredPsf
+from simulation.psf import (
+    CORRECTION_HARMONICS,
+    GaussianPsf,
+    LensOtf,
+    MeasuredPsf,
+    correction_harmonics,
+    correction_splines,
+)
 
 _SAME_DIRECTION_DEG = 8.0
 _WIDEST_GAP_DEG = 100.0  # vertical, horizontal and one diagonal edge between them tell an ellipse
@@ -335,8 +342,11 @@ def _best(every: EdgeStack, plain: Sequence[OtfFit], correction: _Correction) ->
 _ANGLES_DEG = tuple(range(0, 181, 15))
 _FREQ_CY_PER_PX = tuple(round(0.02 * k, 2) for k in range(51))
 _MTF50_FREQ = np.linspace(0.0, 2.0, 801)
+_STEP_CY_PER_PX = 2.5e-3
 _SOME_WAVES = 0.005  # less is none in two decimals
 _AXES = ((0.0, "x"), (90.0, "y"))
+_FULL_CORRECTION = CORRECTION_HARMONICS[-1]
+_NO_APERTURE_PX = 1e-4  # a cut-off far beyond any frequency
 _DECIMALS = 6  # of the table, which is there to be read
 _DIGITS = 6  # of the covariance: with 8, bands are right to 1e-5 of themselves, with 6 to 1e-3
 
@@ -365,8 +375,28 @@ class OtfTable(StoredModel):
         return self
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SampledLens:
+    """A lens's transfer without the pixel at frequencies in cycles per pixel, shape (n,) each.
+
+    ``slopes``, shape ``(m, n)``, are its derivatives by parameters with this ``covariance``;
+    ``weight`` is what each sample counts. ``gaussian_px2`` are the elements (xx, xy, yy) of a
+    Gaussian about as wide.
+    """
+
+    fx: FloatArray
+    fy: FloatArray
+    transfer: FloatArray
+    slopes: FloatArray
+    covariance: FloatArray
+    weight: FloatArray
+    gaussian_px2: FloatArray
+
+
 class Transfer2d(StoredModel):
     """Transfer function of lens and pixel over both axes, from the pixels of all edges at once.
+
+    Or from those of ``pairs`` of photographs at two distances; then there are no edges.
 
     ``form`` and ``parameters`` say it whole; ``table`` is for programs that read no formula. A
     ``gaussian`` is of the lens, ``total-gaussian`` of lens and pixel, as rendered edges have;
@@ -385,6 +415,7 @@ class Transfer2d(StoredModel):
     covariance: tuple[tuple[float, ...], ...] = Field(repr=False)
     angles_deg: tuple[float, ...] = Field(repr=False)
     edges: int
+    pairs: int = 0
     chi2_reduced: float
     scatter: float
     rho_err_assumed: float | None = None
@@ -419,6 +450,40 @@ class Transfer2d(StoredModel):
             chi2_reduced=choice.chi2_reduced,
             scatter=choice.scale,
             rho_err_assumed=None if choice.knows_turn else USUAL_RHO,
+        )
+        return bare.model_copy(update={"table": bare._table()})
+
+    @classmethod
+    def of_sampled(cls, sampled: SampledLens, pairs: int) -> Self:
+        """Return the document of a lens that is known by samples, from so many pairs.
+
+        A Gaussian holds what it can, the form's correction the rest, with the covariance of it.
+        """
+        form = TWO_ELLIPSES.with_correction(_FULL_CORRECTION)
+        elements = np.zeros(9)
+        elements[[0, 2]] = _NO_APERTURE_PX
+        elements[6:] = sampled.gaussian_px2
+        shape = form.bounded(np.concatenate([form.nearest(elements), np.zeros(form.corrections)]))
+        fx, fy = sampled.fx, sampled.fy
+        turns = correction_harmonics(np.arctan2(fy, fx), _FULL_CORRECTION)
+        splines = correction_splines(np.hypot(fx, fy))
+        design = (turns[:, :, None] * splines[:, None, :]).reshape(fx.size, -1)
+        inverse = np.linalg.pinv(design * sampled.weight[:, None]) * sampled.weight
+        rest = inverse @ (sampled.transfer - form.lens(shape)(fx, fy))
+        by_lens = inverse @ sampled.slopes.T
+        covariance = np.zeros((shape.size, shape.size))
+        covariance[-rest.size :, -rest.size :] = by_lens @ sampled.covariance @ by_lens.T
+        shape[-rest.size :] = rest
+        bare = cls(
+            form=form.name,
+            reason="the lens behind photographs at two distances",
+            parameters=dict(zip(form.names, shape.tolist(), strict=True)),
+            covariance=_lower_triangle(covariance),
+            angles_deg=(),
+            edges=0,
+            pairs=pairs,
+            chi2_reduced=1.0,
+            scatter=1.0,
         )
         return bare.model_copy(update={"table": bare._table()})
 
@@ -465,6 +530,18 @@ class Transfer2d(StoredModel):
         xy_px2 = self.rho_err_assumed * widths[0] * widths[1]
         return np.asarray(4 * np.pi**2 * fx * fy * xy_px2 * self.otf(fx, fy))
 
+    def mtf50_err_cy_per_px(self, angle_deg: float) -> float | None:
+        """Return the standard error of the MTF50; None where there is none up to 2 cy/px."""
+        half = self.mtf50_cy_per_px(angle_deg)
+        if half is None:
+            return None
+        angle = np.deg2rad(angle_deg)
+        freq = half + np.array([-_STEP_CY_PER_PX, 0.0, _STEP_CY_PER_PX])
+        fx, fy = freq * np.cos(angle), freq * np.sin(angle)
+        values, errs = np.abs(self.otf(fx, fy)), self.otf_err(fx, fy)
+        fall = (values[0] - values[2]) / (2 * _STEP_CY_PER_PX)
+        return float(errs[1] / fall)
+
     def mtf50_cy_per_px(self, angle_deg: float) -> float | None:
         """Return the frequency at which the contrast falls to a half; None for none up to 2 cy/px.
 
@@ -477,6 +554,11 @@ class Transfer2d(StoredModel):
             return None
         pair = slice(below[0] - 1, below[0] + 1)
         return float(np.interp(-0.5, -values[pair], _MTF50_FREQ[pair]))
+
+    @property
+    def measured_on(self) -> str:
+        """Whose pixels told it, in words."""
+        return "the photographs" if self.pairs else "all edges"
 
     @property
     def defocus_waves(self) -> float:
@@ -511,10 +593,10 @@ class Transfer2d(StoredModel):
         focus = f" (defocus {self.defocus_waves:.2f} waves)" * (self.defocus_waves >= _SOME_WAVES)
         between = "" if self.rho_err_assumed is None else "; between the axes not measured"
         halves = [f"{_brief(self.mtf50_cy_per_px(angle))} along {axis}" for angle, axis in _AXES]
-        return (
-            f"{self.form}{focus}, from {self.edges} edges at {len(self.angles_deg)} angles; "
-            f"MTF50 in cy/px: {', '.join(halves)}{between}"
-        )
+        source = f"{self.edges} edges at {len(self.angles_deg)} angles"
+        if self.pairs:
+            source = f"{self.pairs} pair{'s' * (self.pairs > 1)} of photographs"
+        return f"{self.form}{focus}, from {source}; MTF50 in cy/px: {', '.join(halves)}{between}"
 
 
 def measure_transfer_2d(

@@ -177,7 +177,7 @@ def _psf(document: Mapping[str, Any]) -> str:
 
 BLIND = {
     "single-image": "from edges that the scene happens to have, taken for sharp",
-    "two-distance": "from one scene at two distances, taken for Gaussian",
+    "two-distance": "from one scene at two distances",
 }
 
 

@@ -305,19 +305,18 @@ def _from_scene(call: Call, request: _Request) -> _Calibrated:
 
 
 def _from_distances(call: Call, request: _Request) -> _Calibrated:
-    from calibration.blind import FORM_ERR, calibrate_from_distances  # with what aligns photographs
+    from calibration.blind import calibrate_from_distances  # with what aligns photographs
 
     scenes = _scenes(call, request)
     if any(scene[0].noise is None for scene in scenes.series):
-        call.note("the noise of the photographs is unknown and counts as blur; give --noise")
+        call.note(
+            "the noise of the photographs is unknown and taken to be what the further one "
+            "scatters by; give --noise"
+        )
     with call.bar("comparing distances", scenes.pairs) as advance_to:
         calibration = calibrate_from_distances(
             scenes.series, zoom=request.zoom, region=request.region, progress=advance_to
         )
-    call.note(
-        f"the errors contain {100 * FORM_ERR:.0f} % for a lens that is not Gaussian; "
-        "an edge target shows its shape"
-    )
     return _Calibrated(psf=calibration, origin=scenes.origin)
 
 

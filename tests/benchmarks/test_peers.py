@@ -235,7 +235,8 @@ def test_every_program_answers_without_the_truth_what_the_scorer_reads(
     assert ours is not None
     assert max(blurred.value, ours.value) < plain.value / 4  # aliasing is most of the error
     page = results_page(tmp_path / "results", found.scores)
-    assert page.count("| **standoff** |") == 5
+    # Of five tables; the pair of photographs has too few pixels for two distances.
+    assert page.count("| **standoff** |") == 4
     assert "- **opencv-sift** (opencv" in page
 
 

@@ -27,11 +27,15 @@ def blob_photograph(
     heights = rng.uniform(-400, 400, blobs)
     centre = np.array([(cols - 1) / 2, (rows - 1) / 2])
     radius2 = np.sum((places / centre) ** 2, axis=1, keepdims=True) / 2
+    # Blobs are stretched as their places are.
+    stretched = bend * places[:, :, None] * (places / centre**2)[:, None, :]
+    stretched += (1 + bend * radius2)[:, :, None] * np.eye(2)
     places = places * (1 + bend * radius2) + centre
     image = np.full(shape, 1500.0)
     y, x = np.mgrid[:rows, :cols]
-    for (u, v), own, height in zip(places, variances, heights, strict=True):
-        total = covariance_px2 + own / zoom**2 * np.eye(2)
+    for (u, v), turn, own, height in zip(places, stretched, variances, heights, strict=True):
+        shape_px2 = own / zoom**2 * turn @ turn.T
+        total = covariance_px2 + shape_px2
         reach_px = 6 * np.sqrt(np.max(np.diag(total)))
         top, bottom = max(int(v - reach_px), 0), min(int(v + reach_px) + 2, rows)
         left, right = max(int(u - reach_px), 0), min(int(u + reach_px) + 2, cols)
@@ -42,7 +46,8 @@ def blob_photograph(
         inverse = np.linalg.inv(total)
         form = inverse[0, 0] * dx**2 + 2 * inverse[0, 1] * dx * dy + inverse[1, 1] * dy**2
         # The light of a blob is the same from anywhere, per pixel of the scene's area.
-        image[part] += height * own / zoom**2 / np.sqrt(np.linalg.det(total)) * np.exp(-form / 2)
+        passed = np.sqrt(np.linalg.det(shape_px2) / np.linalg.det(total))
+        image[part] += height * passed * np.exp(-form / 2)
     return image
 
 

@@ -4,7 +4,7 @@ In pixels of the far photograph the kernel between both has the transfer functio
 H(A^-T v)``, where H is the transfer of lens and pixel, A takes far to near pixels and v is in
 cycles per far pixel. K times the near photograph's spectrum, folded to the far pixels, predicts
 these; displacement, brightness and an offset are fitted along. H has the parameters and the prior
-of `lens_prior`, and is found by Gauss-Newton with damping.
+of `_lens_prior`, and is found by Gauss-Newton with damping.
 
 Residuals are compared as the cosines of blocks of eight pixels, each of the 64 with a variance of
 its own, and those of a JPEG by the intervals that were rounded.
@@ -32,29 +32,33 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from benchmarks.lens_between.cosine_blocks import (
+from calibration.blind._cosine_blocks import (
     BLOCK,
     EVEN_CODE,
-    WholeBlocks,
+    UsedBlocks,
     code_slopes,
     codes_of,
     within_interval,
 )
-from benchmarks.lens_between.lens_prior import (
+from calibration.blind._lens_prior import (
     GAUSSIAN_PARAMETERS,
     ComplexArray,
     LensFactors,
     LensGrid,
     lens_prior,
+    lens_transfer,
 )
-from benchmarks.lens_between.resampled_pair import Folding, ResampledPair
+from calibration.blind._resampled_pair import Folding, ResampledPair
 from calibration.edges import JpegCompression
 from simulation.arrays import FloatArray
 
 _INDICES = BLOCK * BLOCK
+_LEAST_SHARE = 0.3  # of a block's pixels that are used
 _DISPLACEMENT_DEGREE, _GAIN_DEGREE = 3, 4
 _REACH = 1.05  # of the polynomials' coordinates, 1 at the border of the used pixels
 _SMOOTHING = 0.008  # of the spectrum's sides
+_RING_CY_PER_PX = 0.004
+_NOISE_EXCESS = 1.1  # over the weakest ring of fine detail, that its own scatter explains
 _WEAKEST = 1e-3  # contrast below which no spectrum is divided by the lens
 _LEAST_SCATTER = 4e-3  # of the far pixels' standard deviation: what interpolation is right to
 _LEAST_CODE_VARIANCE = 1e-3
@@ -64,6 +68,7 @@ _DAMPING, _LEAST_DAMPING, _MOST_TRIES = 1e-5, 1e-7, 8
 _VARIANCE_ROUNDS = 5
 
 _SLOPE_RADII_CY_PER_PX = np.array([0.2, 0.25, 0.3, 0.35, 0.4])
+_FINE_RINGS_CY_PER_PX = np.linspace(0.3, 0.5, 11)
 _KNOWN_CY_PER_PX = 0.35  # where the scene's power is read off, to be continued from
 _FARTHEST_CY_PER_PX = 1.2
 _SLOPES = (1.0, 6.0)
@@ -83,13 +88,15 @@ class LensFit:
 
     ``alignment`` holds displacements in far pixels along x and y, gains and an offset as
     coefficients, ``variance`` one value for each of the 64 cosines. ``information`` is the matrix
-    of the lens's parameters from the pixels alone.
+    of the lens's parameters from the pixels alone; ``repeated`` is how often their errors repeat
+    themselves.
     """
 
     lens: FloatArray
     alignment: FloatArray
     variance: FloatArray
     information: FloatArray
+    repeated: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,7 +116,7 @@ class PairModel:
     def __init__(
         self, pair: ResampledPair, near_noise_dn2: float, compression: JpegCompression | None
     ) -> None:
-        self.pair, self.near_noise_dn2 = pair, near_noise_dn2
+        self.pair = pair
         rows, cols = pair.near_dn.shape
         fy = scipy.fft.fftfreq(rows, 1 / pair.finer)[:, None]
         fx = scipy.fft.rfftfreq(cols, 1 / pair.finer)[None, :]
@@ -123,7 +130,8 @@ class PairModel:
         self._near_lens = LensGrid(self._near_x, self._near_y)
         self._series = scipy.fft.rfft2(pair.near_dn)[self._kept]
         self._folding = Folding(pair, self._kept)
-        self._blocks = WholeBlocks(pair.used)
+        # Every pixel of a block had a say in the numbers that JPEG has rounded.
+        self._blocks = UsedBlocks(pair.used, 1.0 if compression else _LEAST_SHARE)
         self._compression = compression
         self._target = self._cosines(pair.far_dn)
         self._least_variance = (_LEAST_SCATTER * float(pair.far_dn[pair.used].std())) ** 2
@@ -132,6 +140,9 @@ class PairModel:
             steps = np.tile(compression.steps.ravel(), self._blocks.count)
             self._target = np.rint(self._target / steps) * steps
             self._half_step = 0.5 * steps
+        self.near_noise_dn2 = self._possible(near_noise_dn2)
+        self._far_noise_dn2 = 0.0
+        self._aliased_dn2: FloatArray = np.zeros(self._fx.shape)
         self._seen = self._series * self._true_share(self.near_noise_dn2, lens_prior().mean)
 
     @property
@@ -198,7 +209,13 @@ class PairModel:
             variance = self._variance(predicted, variance)
         information = np.zeros((lens.size, lens.size))
         information[:count, :count] = _without(data, count)
-        return LensFit(lens=lens, alignment=alignment, variance=variance, information=information)
+        return LensFit(
+            lens=lens,
+            alignment=alignment,
+            variance=variance,
+            information=information,
+            repeated=self._repeated(lens, variance),
+        )
 
     def found_noise_dn2(self, fit: LensFit) -> float:
         """Noise of the near photograph, if it is what the far one scatters by."""
@@ -210,8 +227,11 @@ class PairModel:
     def with_true_share(self, fit: LensFit, near_noise_dn2: float) -> "PairModel":
         """The model with the near spectrum less noise, and less what its pixels alias."""
         made = copy(self)
-        made.near_noise_dn2 = near_noise_dn2
-        other_dn2 = made.near_noise_dn2 + made._aliased(fit.lens)
+        made.near_noise_dn2 = self._possible(near_noise_dn2)
+        if self._compression is None:
+            made._far_noise_dn2 = float(np.median(fit.variance[_FINE]))
+        made._aliased_dn2 = made._aliased(fit.lens)
+        other_dn2 = made.near_noise_dn2 + made._aliased_dn2
         made._seen = self._series * made._true_share(other_dn2, fit.lens)
         return made
 
@@ -346,26 +366,72 @@ class PairModel:
         """Near power spectrum, smooth, as the variance of near pixels that noise would have."""
         rows, cols = self.pair.near_dn.shape
         power, kept = np.zeros(self._kept.shape), self._kept.astype(np.float64)
-        power[self._kept] = np.abs(self._series) ** 2
+        # Spectra fall steeply: what is smoothed is what rings have beside their mean.
+        usual = self._ring_power()
+        power[self._kept] = np.abs(self._series) ** 2 / usual
         width = [_SMOOTHING * rows, _SMOOTHING * cols]
         smooth, share = (
             gaussian_filter(one, width, mode=["wrap", "nearest"]) for one in (power, kept)
         )
         scale = self.pair.near_px_per_sample / float(np.sum(self.pair.taper**2))
-        return np.asarray(scale * smooth / np.maximum(share, 1e-9))
+        made = scale * smooth / np.maximum(share, 1e-9)
+        made[self._kept] *= usual
+        return np.asarray(made)
+
+    def _ring_power(self) -> FloatArray:
+        """Mean power of each kept frequency's ring in the near photograph's spectrum."""
+        ring = np.hypot(self._near_x, self._near_y) / _RING_CY_PER_PX
+        number = np.rint(ring).astype(np.intp)
+        count = np.bincount(number)
+        total = np.bincount(number, np.abs(self._series) ** 2)
+        seen = np.flatnonzero(count)
+        level = np.log(np.maximum(total[seen] / count[seen], 1e-30))
+        return np.asarray(np.exp(np.interp(ring, seen, level)))
 
     def _true_share(self, other_dn2: FloatArray | float, lens: FloatArray) -> FloatArray:
         """Share of the near power that is not this."""
         power = np.maximum(self._power[self._kept], 1e-30)
         # Pixels are compared within the near frame; beyond it, where the far photograph goes on,
-        # there is nothing of it, and less of the scene.
+        # there is nothing of it, less of the scene, and the far pixels' noise.
         near = self.pair.near_share
         whole = near + (1 - near) * np.abs(self._between(lens)) ** 2
         if self._compression is None:
-            power = np.maximum(power - near * other_dn2, 0.0)
+            is_far = (np.abs(self._fx) < 0.5) & (np.abs(self._fy) < 0.5)
+            zoom2 = abs(float(np.linalg.det(self.pair.near_per_far)))
+            beyond_dn2 = (1 - near) * zoom2 * self._far_noise_dn2 * is_far
+            power = np.maximum(power - near * other_dn2 - beyond_dn2, 0.0)
         # Else rounding has taken the noise with the detail where both are weak.
         true = power / whole
         return np.asarray(true / (true + other_dn2 + 1e-30))
+
+    def _possible(self, near_noise_dn2: float) -> float:
+        """The noise that was told, or what the weakest fine detail has room for if that is less."""
+        if self._compression is not None:
+            return near_noise_dn2
+        ring = np.digitize(np.hypot(self._near_x, self._near_y), _FINE_RINGS_CY_PER_PX)
+        fine = (ring > 0) & (ring < _FINE_RINGS_CY_PER_PX.size)
+        power = np.bincount(ring[fine], self._power[self._kept][fine])[1:]
+        weakest = float(np.min(power / np.bincount(ring[fine])[1:]))
+        most_dn2 = weakest / self.pair.near_share
+        return near_noise_dn2 if near_noise_dn2 < _NOISE_EXCESS * most_dn2 else most_dn2
+
+    def _repeated(self, lens: FloatArray, variance: FloatArray) -> float:
+        """How often the errors that aliasing makes repeat themselves, at least 1.
+
+        Frequencies of a scene alias at random, but those of a pattern along the pixels are few.
+        """
+        radius = np.hypot(self._near_x, self._near_y)
+        ring = np.digitize(radius, _FINE_RINGS_CY_PER_PX)
+        fine = (ring > 0) & (ring < _FINE_RINGS_CY_PER_PX.size)
+        power, ring = np.abs(self._series[fine]) ** 2, ring[fine] - 1
+        relative = power / (np.bincount(ring, power) / np.bincount(ring))[ring]
+        # The power of a random scene has an exponential distribution.
+        repeated = float(np.mean(relative**2)) / 2
+        made_dn2 = float(np.mean(np.abs(self._between(lens)) ** 2 * self._aliased_dn2))
+        if self._compression is not None:
+            slope = code_slopes(self.pair.far_dn[self.pair.used], self._compression)
+            made_dn2 *= float(np.mean(slope**2))
+        return 1 + made_dn2 / float(np.mean(variance)) * max(repeated - 1, 0.0)
 
     def _aliased(self, lens: FloatArray) -> FloatArray:
         """Power at each kept frequency of what the near pixels alias to it."""
@@ -382,7 +448,7 @@ class PairModel:
             radius = np.hypot(x, y)
             counts = radius < _FARTHEST_CY_PER_PX
             x, y, back = x[counts], y[counts], _KNOWN_CY_PER_PX / radius[counts]
-            passed = np.abs(LensGrid(x, y).factors(lens).transfer) ** 2
+            passed = np.abs(lens_transfer(lens, x, y)) ** 2
             total[counts] += passed * self._scene_power(lens, x * back, y * back) * back**slope
         return total
 
@@ -394,7 +460,7 @@ class PairModel:
         sign = np.where(far_x < 0, -1.0, 1.0)
         at = np.stack([sign * far_y * rows % (rows * self.pair.finer), sign * far_x * cols])
         seen = map_coordinates(self._power, at / self.pair.finer, order=1, mode="grid-wrap")
-        passed = np.abs(LensGrid(x, y).factors(lens).transfer) ** 2
+        passed = np.abs(lens_transfer(lens, x, y)) ** 2
         return np.asarray(
             np.maximum(seen - self.pair.near_share * self.near_noise_dn2, 0.0)
             / np.maximum(passed, _WEAKEST_POWER)

@@ -8,15 +8,15 @@ halo that a lens throws into the frame.
 
 from dataclasses import dataclass, replace
 from math import ceil, pi, sqrt
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 import scipy.fft
 from scipy.ndimage import map_coordinates, spline_filter
 from scipy.sparse import csr_matrix
 
-from benchmarks.lens_between.cosine_blocks import BLOCK
-from benchmarks.lens_between.lens_prior import ComplexArray
+from calibration.blind._cosine_blocks import BLOCK
+from calibration.blind._lens_prior import ComplexArray
 from simulation.arrays import BoolArray, FloatArray
 
 _PAD_PX = 20
@@ -30,13 +30,15 @@ _MARGIN_PX = 3
 _FINER_THAN_NEAR = 1.1  # a turned frame's corners reach beyond its Nyquist frequency
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Alignment:
+class Alignment(Protocol):
     """Near coordinates of far pixels, and the mean of their derivatives by far x and y."""
 
-    y_px: FloatArray
-    x_px: FloatArray
-    jacobian: FloatArray
+    @property
+    def y_px(self) -> FloatArray: ...
+    @property
+    def x_px(self) -> FloatArray: ...
+    @property
+    def jacobian(self) -> FloatArray: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,9 +77,10 @@ def resampled(
     near_dn: FloatArray,
     far_dn: FloatArray,
     alignment: Alignment,
+    away: BoolArray,
     first: tuple[int, int],
 ) -> ResampledPair:
-    """Interpolate the near photograph.
+    """Interpolate the near photograph; ``away`` are far pixels that may be used.
 
     The far photograph's first pixel is at row and column ``first`` of a block of cosines.
     """
@@ -103,7 +106,7 @@ def resampled(
         near_dn=share * seen + (1 - share) * beyond,
         near_mean_dn=float(near_dn.mean()),
         far_dn=_cut(far_dn, top, left, shape),
-        used=_cut(both, top, left, shape),
+        used=_cut(both & away, top, left, shape),
         finer=finer,
         near_per_far=alignment.jacobian,
         top=top,

@@ -47,21 +47,26 @@ def blocks_of(image: NDArray[_Pixel]) -> NDArray[_Pixel]:
     return image.reshape(rows // BLOCK, BLOCK, cols // BLOCK, BLOCK).swapaxes(1, 2)
 
 
-class WholeBlocks:
-    """The blocks of an image of which every pixel is used."""
+class UsedBlocks:
+    """The blocks of an image of which enough pixels are used; the others of them count as 0."""
 
-    def __init__(self, used: BoolArray) -> None:
-        self._whole = np.all(blocks_of(used), axis=(2, 3))
+    def __init__(self, used: BoolArray, least_share: float) -> None:
+        blocks = blocks_of(used)
+        self._kept = np.mean(blocks, axis=(2, 3)) >= least_share
+        masks = blocks[self._kept].reshape(-1, BLOCK * BLOCK)
+        self._mask = None if masks.all() else masks.astype(np.float64)
         self._matrix: FloatArray = np.asarray(np.kron(_transform(), _transform()).T)
 
     @property
     def count(self) -> int:
         """Number of blocks."""
-        return int(np.count_nonzero(self._whole))
+        return int(np.count_nonzero(self._kept))
 
     def cosines(self, image: FloatArray) -> FloatArray:
         """Their cosines, block by block, rows by vertical frequency, shape ``(64 count,)``."""
-        blocks: FloatArray = blocks_of(image)[self._whole].reshape(-1, BLOCK * BLOCK)
+        blocks: FloatArray = blocks_of(image)[self._kept].reshape(-1, BLOCK * BLOCK)
+        if self._mask is not None:
+            blocks = blocks * self._mask
         made: FloatArray = np.matmul(blocks, self._matrix)
         return made.ravel()
 

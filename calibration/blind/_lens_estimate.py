@@ -1,14 +1,16 @@
 """The lens that pairs of photographs tell: a Gaussian, or the lens of the prior, by the evidence.
 
 About its best lens each pair tells a quadratic form of the lens's parameters. Their sum and the
-prior give the most probable lens and its covariance, and the evidence for a lens that is Gaussian,
-whose other parameters are 0: a scene without fine detail does not tell one from the other. The mean
-over both, weighted by their probabilities, has the covariance of a mixture.
+prior give the most probable lens, and the evidence for a lens that is Gaussian, whose other
+parameters are 0: a scene without fine detail does not tell one from the other. The mean over both,
+weighted by their probabilities, has the covariance of a mixture. Where errors of the pixels repeat
+themselves the covariance is larger than a likelihood's: a sandwich has the scatter in its middle.
 
 References
 ----------
 R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) 773-795. J. A. Hoeting, D.
-Madigan, A. E. Raftery, C. T. Volinsky, "Bayesian model averaging", Stat. Sci. 14 (1999) 382-417.
+Madigan, A. E. Raftery, C. T. Volinsky, "Bayesian model averaging", Stat. Sci. 14 (1999) 382-417. H.
+White, "Maximum likelihood estimation of misspecified models", Econometrica 50 (1982) 1-25.
 """
 
 from collections.abc import Sequence
@@ -18,13 +20,13 @@ from math import log, pi
 import numpy as np
 from scipy.special import logsumexp
 
-from benchmarks.lens_between.lens_prior import (
+from calibration.blind._lens_prior import (
     GAUSSIAN_PARAMETERS,
     PIXEL_SPREAD,
     LensGrid,
     lens_prior,
 )
-from benchmarks.lens_between.transfer import LensFit
+from calibration.blind._transfer import LensFit
 from calibration.errors import PairError
 from simulation.arrays import FloatArray, IntArray
 
@@ -38,7 +40,14 @@ In 36 pairs of the public benchmark without noise or JPEG (seeds 1, 2, 11-13, 90
 intervals held the truth without it, 94 % with it.
 """
 
+_WIDER = 1.15
+"""Factor on the fit's errors, for what the prior and the alignment leave out.
+
+Of 192 directions of seeds 7105 to 7108 94 % of the intervals hold the truth with it, 92 % without.
+"""
+
 _HALF_STEPS = np.linspace(0.0, 1.5, 1501)
+_LEAST_PIXEL = 0.02  # below, nothing is known of what is before the pixel
 _DIRECTIONS_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
 
 
@@ -52,7 +61,7 @@ class GaussianElements:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LensEstimate:
-    """A lens's parameters as in `lens_prior`, with their covariance matrix."""
+    """A lens's parameters as in `_lens_prior`, with their covariance matrix."""
 
     lens: FloatArray
     covariance: FloatArray
@@ -71,6 +80,21 @@ class LensEstimate:
         return GaussianElements(
             px2=inverse @ np.array(variances), covariance=by_lens @ self.covariance @ by_lens.T
         )
+
+    def without_pixel(
+        self, fx: FloatArray, fy: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Transfer of the lens alone, its slopes, and weights: what the pixel passes of it."""
+        grid = LensGrid(fx, fy)
+        factors = grid.factors(self.lens)
+        weight = np.where(np.abs(grid.pixel) > _LEAST_PIXEL, grid.pixel, 0.0)
+        inverse = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight != 0)
+        lens = factors.transfer * inverse
+        # An odd part turns the phase: what is left is the contrast, with the sign of the even one.
+        size = np.maximum(np.abs(lens), 1e-300)
+        turn = np.where(lens.real < 0, -1.0, 1.0) * lens.conj() / size
+        slopes = np.real(turn * inverse * grid.slopes(factors))
+        return np.real(turn * lens), slopes, np.abs(weight)
 
     def _half_cy_per_px(self, angle_rad: float) -> tuple[float, FloatArray]:
         """Frequency of half contrast along a direction, and its derivatives by the parameters."""
@@ -100,13 +124,17 @@ def lens_of(fits: Sequence[LensFit]) -> LensEstimate:
         [fit.information @ fit.lens + prior.precision * (fit.lens - prior.mean) for fit in fits],
         axis=0,
     )
+    scatter = np.sum([fit.repeated * fit.information for fit in fits], axis=0)
     every = np.arange(right.size)
     square, none = np.zeros(right.size), np.zeros(right.size)
     none[GAUSSIAN_PARAMETERS] = 1 / PIXEL_SPREAD
     models = [
-        _posterior(information, right, every, square),
-        _posterior(information, right, every[:GAUSSIAN_PARAMETERS], square),
-        _posterior(information, right, every[:GAUSSIAN_PARAMETERS], none),
+        _posterior(information, right, free, fixed).scattered_by(scatter)
+        for free, fixed in (
+            (every, square),
+            (every[:GAUSSIAN_PARAMETERS], square),
+            (every[:GAUSSIAN_PARAMETERS], none),
+        )
     ]
     odds = np.log(_SHARES) + [model.evidence for model in models]
     shares = np.exp(odds - logsumexp(odds))
@@ -121,7 +149,7 @@ def lens_of(fits: Sequence[LensFit]) -> LensEstimate:
     found = LensEstimate(lens=lens, covariance=covariance)
     wider = np.zeros(right.size)
     wider[:GAUSSIAN_PARAMETERS] = 2 * _LEAST_ERR * found.nearest_gaussian().px2
-    return replace(found, covariance=covariance + np.outer(wider, wider))
+    return replace(found, covariance=_WIDER**2 * covariance + np.outer(wider, wider))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,6 +157,11 @@ class _Posterior:
     mean: FloatArray
     covariance: FloatArray
     evidence: float
+
+    def scattered_by(self, information: FloatArray) -> "_Posterior":
+        """With the covariance of pixels whose errors have this information's scatter."""
+        prior = np.diag(lens_prior().precision)
+        return replace(self, covariance=self.covariance @ (information + prior) @ self.covariance)
 
 
 def _posterior(

@@ -144,6 +144,25 @@ class LensGrid:
         )
 
 
+def lens_transfer(lens: FloatArray, fx: FloatArray, fy: FloatArray) -> ComplexArray:
+    """Transfer of one lens at frequencies that nothing else is asked of, without their grid."""
+    freq, angle = np.hypot(fx, fy), np.arctan2(fy, fx)
+    xx, xy, yy, square = lens[: GAUSSIAN_PARAMETERS + 1].tolist()
+    pixel = np.sinc(fx) * np.sinc(fy)
+    width = -2 * pi**2 * (xx * fx**2 + 2 * xy * fx * fy + yy * fy**2)
+    width -= square * PIXEL_SPREAD * np.log(np.maximum(np.abs(pixel), _LEAST_PIXEL))
+    u, q = np.zeros_like(freq), np.zeros_like(freq)
+    at = GAUSSIAN_PARAMETERS + 1
+    for part in _lens_modes():
+        turns = [np.cos(part.harmonic * angle), np.sin(part.harmonic * angle)]
+        for turn in turns[: 1 + (part.harmonic > 0)]:
+            radial = lens[at : at + len(part.modes)] @ part.modes
+            at += len(part.modes)
+            field = q if part.harmonic % 2 else u
+            field += _between(freq, radial[None])[0] * turn
+    return np.asarray(np.exp(np.minimum(width, _MOST_WIDTH)) * pixel * (_psi(u) + 1j * q))
+
+
 def _psi(u: FloatArray) -> FloatArray:
     end = -log(_LOG_DOWN_TO)
     middle = np.exp(-np.clip(u, 0.0, end))

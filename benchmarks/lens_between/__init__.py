@@ -1,1 +1,0 @@
-"""A candidate: the transfer of any lens from two distances, measured beside the Gaussian in use."""
