@@ -7,7 +7,7 @@ halo that a lens throws into the frame.
 """
 
 from dataclasses import dataclass, replace
-from math import ceil, pi, sqrt
+from math import ceil, pi
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -31,7 +31,7 @@ _FINER_THAN_NEAR = 1.1  # a turned frame's corners reach beyond its Nyquist freq
 
 
 class Alignment(Protocol):
-    """Near coordinates of far pixels, and the mean of their derivatives by far x and y."""
+    """Near coordinates of far pixels, their mean derivatives by far x and y, and the zoom."""
 
     @property
     def y_px(self) -> FloatArray: ...
@@ -39,6 +39,8 @@ class Alignment(Protocol):
     def x_px(self) -> FloatArray: ...
     @property
     def jacobian(self) -> FloatArray: ...
+    @property
+    def zoom(self) -> float: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,14 +87,12 @@ def resampled(
     The far photograph's first pixel is at row and column ``first`` of a block of cosines.
     """
     y, x = alignment.y_px, alignment.x_px
-    zoom = sqrt(abs(float(np.linalg.det(alignment.jacobian))))
-    inward = _inward(y, x, near_dn.shape)
-    both = inward >= _MARGIN_PX * zoom
+    both = _inward(y, x, near_dn.shape) >= _MARGIN_PX * alignment.zoom
     places = np.argwhere(both)
     offset = np.array(first)
     start = (places.min(axis=0) - _PAD_PX + offset) // BLOCK * BLOCK - offset
     shape = tuple(_fast_blocks(int(n)) for n in places.max(axis=0) + 1 + _PAD_PX - start)
-    finer = ceil(_FINER_THAN_NEAR * zoom)
+    finer = ceil(_FINER_THAN_NEAR * alignment.zoom)
     axes = [begin + np.arange(n * finer) / finer for begin, n in zip(start, shape, strict=True)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"))
     fine_y, fine_x = _continued(y, place), _continued(x, place)

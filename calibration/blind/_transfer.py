@@ -50,11 +50,11 @@ from calibration.blind._lens_prior import (
 )
 from calibration.blind._resampled_pair import Folding, ResampledPair
 from calibration.edges import JpegCompression
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _INDICES = BLOCK * BLOCK
 _LEAST_SHARE = 0.3  # of a block's pixels that are used
-_DISPLACEMENT_DEGREE, _GAIN_DEGREE = 3, 4
+DISPLACEMENT_DEGREE, GAIN_DEGREE = 3, 4
 _REACH = 1.05  # of the polynomials' coordinates, 1 at the border of the used pixels
 _SMOOTHING = 0.008  # of the spectrum's sides
 _RING_CY_PER_PX = 0.004
@@ -355,11 +355,11 @@ class PairModel:
 
     @cached_property
     def _moves(self) -> FloatArray:
-        return _monomials(*self._coordinates, _DISPLACEMENT_DEGREE)
+        return monomials(*self._coordinates, DISPLACEMENT_DEGREE)
 
     @cached_property
     def _gains(self) -> FloatArray:
-        return _monomials(*self._coordinates, _GAIN_DEGREE)
+        return monomials(*self._coordinates, GAIN_DEGREE)
 
     @cached_property
     def _power(self) -> FloatArray:
@@ -404,14 +404,20 @@ class PairModel:
         true = power / whole
         return np.asarray(true / (true + other_dn2 + 1e-30))
 
+    @cached_property
+    def _fine_rings(self) -> tuple[BoolArray, IntArray]:
+        """Kept frequencies that are fine in the near photograph, and the number of their ring."""
+        ring = np.digitize(np.hypot(self._near_x, self._near_y), _FINE_RINGS_CY_PER_PX) - 1
+        fine = (ring >= 0) & (ring < _FINE_RINGS_CY_PER_PX.size - 1)
+        return fine, ring[fine]
+
     def _possible(self, near_noise_dn2: float) -> float:
         """The noise that was told, or what the weakest fine detail has room for if that is less."""
         if self._compression is not None:
             return near_noise_dn2
-        ring = np.digitize(np.hypot(self._near_x, self._near_y), _FINE_RINGS_CY_PER_PX)
-        fine = (ring > 0) & (ring < _FINE_RINGS_CY_PER_PX.size)
-        power = np.bincount(ring[fine], self._power[self._kept][fine])[1:]
-        weakest = float(np.min(power / np.bincount(ring[fine])[1:]))
+        fine, ring = self._fine_rings
+        power = np.bincount(ring, self._power[self._kept][fine])
+        weakest = float(np.min(power / np.bincount(ring)))
         most_dn2 = weakest / self.pair.near_share
         return near_noise_dn2 if near_noise_dn2 < _NOISE_EXCESS * most_dn2 else most_dn2
 
@@ -420,10 +426,8 @@ class PairModel:
 
         Frequencies of a scene alias at random, but those of a pattern along the pixels are few.
         """
-        radius = np.hypot(self._near_x, self._near_y)
-        ring = np.digitize(radius, _FINE_RINGS_CY_PER_PX)
-        fine = (ring > 0) & (ring < _FINE_RINGS_CY_PER_PX.size)
-        power, ring = np.abs(self._series[fine]) ** 2, ring[fine] - 1
+        fine, ring = self._fine_rings
+        power = np.abs(self._series[fine]) ** 2
         relative = power / (np.bincount(ring, power) / np.bincount(ring))[ring]
         # The power of a random scene has an exponential distribution.
         repeated = float(np.mean(relative**2)) / 2
@@ -480,7 +484,8 @@ def _scaled(factors: LensFactors, by: ComplexArray) -> dict[str, ComplexArray]:
     }
 
 
-def _monomials(x: FloatArray, y: FloatArray, degree: int) -> FloatArray:
+def monomials(x: FloatArray, y: FloatArray, degree: int) -> FloatArray:
+    """Products of powers of two coordinates up to a degree, the constant first."""
     return np.stack([x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)])
 
 

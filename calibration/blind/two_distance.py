@@ -22,13 +22,17 @@ from calibration.blind._cosine_blocks import before_rounding
 from calibration.blind._lens_estimate import GaussianElements, LensEstimate, lens_of
 from calibration.blind._lens_prior import lens_prior
 from calibration.blind._resampled_pair import resampled
-from calibration.blind._transfer import LensFit, PairModel
+from calibration.blind._transfer import (
+    DISPLACEMENT_DEGREE,
+    GAIN_DEGREE,
+    LensFit,
+    PairModel,
+    monomials,
+)
 from calibration.edges import JpegCompression
 from calibration.errors import PairError
 from simulation.arrays import BoolArray, FloatArray
 
-_DISPLACEMENT_DEGREE = 3
-_GAIN_DEGREE = 4
 _BLURS_PX = (6.0, 3.0, 1.5, 0.8, 0.8, 0.8)  # of the far image, level by level
 _PSF_GUESS_PX = 0.7
 _MARGIN_PX = 4.0
@@ -82,6 +86,11 @@ class SmoothAlignment:
     jacobian: FloatArray
     correlation: float
 
+    @property
+    def zoom(self) -> float:
+        """How many times as far away the far photograph is."""
+        return sqrt(abs(float(np.linalg.det(self.jacobian))))
+
 
 def align_smoothly(
     near_dn: FloatArray,
@@ -100,7 +109,7 @@ def align_smoothly(
         )
     clipped = clipped or ClippedPixels.none(near_dn.shape, far_dn.shape)
     u, v = _normalised(cols, inside), _normalised(rows, inside)
-    moves, gains = _monomials(u, v, _DISPLACEMENT_DEGREE), _monomials(u, v, _GAIN_DEGREE)
+    moves, gains = monomials(u, v, DISPLACEMENT_DEGREE), monomials(u, v, GAIN_DEGREE)
     zoom = sqrt(abs(float(np.linalg.det(_mean_jacobian(start_y, start_x, inside)))))
     move_x, move_y = np.zeros(len(moves)), np.zeros(len(moves))
     gain = np.zeros(len(gains))
@@ -195,10 +204,6 @@ def _normalised(coordinate: FloatArray, inside: BoolArray) -> FloatArray:
     return np.asarray(2 * (coordinate - low) / max(high - low, 1.0) - 1)
 
 
-def _monomials(u: FloatArray, v: FloatArray, degree: int) -> FloatArray:
-    return np.stack([u**i * v**j for i in range(degree + 1) for j in range(degree + 1 - i)])
-
-
 def _mean_jacobian(y: FloatArray, x: FloatArray, inside: BoolArray) -> FloatArray:
     (x_down, x_right), (y_down, y_right) = _slopes(x), _slopes(y)
     mean = [float(slope[inside].mean()) for slope in (x_right, x_down, y_right, y_down)]
@@ -265,11 +270,10 @@ def pair_psf(pair: NearAndFar, far_to_near: FloatArray) -> PairPsf:
             f"{alignment.correlation:.2f}",
             reason="not_aligned",
         )
-    zoom = sqrt(abs(float(np.linalg.det(alignment.jacobian))))
-    if zoom < LEAST_ZOOM:
+    if alignment.zoom < LEAST_ZOOM:
         raise PairError(
-            f"the second photograph is {zoom:.3f} times as far away as the first; at least "
-            f"{LEAST_ZOOM} is needed, and 2 is good",
+            f"the second photograph is {alignment.zoom:.3f} times as far away as the first; at "
+            f"least {LEAST_ZOOM} is needed, and 2 is good",
             reason="one_distance",
         )
     first = _model(pair, alignment)
@@ -280,7 +284,8 @@ def pair_psf(pair: NearAndFar, far_to_near: FloatArray) -> PairPsf:
     noise_dn2 = pair.near_noise_dn2
     if noise_dn2 is None:
         noise_dn2 = second.found_noise_dn2(found)
-    told = PairPsf(zoom=zoom, fit=second.with_true_share(found, noise_dn2).fitted(found))
+    fit = second.with_true_share(found, noise_dn2).fitted(found)
+    told = PairPsf(zoom=alignment.zoom, fit=fit)
     (xx, xy, yy) = told.gaussian.px2
     if np.linalg.eigvalsh([[xx, xy], [xy, yy]])[0] < _SHARPEST_PX2:
         raise PairError(
@@ -327,8 +332,7 @@ def _model(pair: NearAndFar, alignment: SmoothAlignment) -> PairModel:
     """The model of aligned photographs; their blocks are those of the far file."""
     codes = pair.far_codes
     first = (0, 0) if codes is None else (codes.first_row, codes.first_col)
-    zoom = sqrt(abs(float(np.linalg.det(alignment.jacobian))))
-    reach_px = _REACH_PX * max(1.0, sqrt(zoom**2 - 1))
+    reach_px = _REACH_PX * max(1.0, sqrt(alignment.zoom**2 - 1))
     away = pair.clipped.away(alignment.y_px, alignment.x_px, 1.0, reach_px)
     model = PairModel(
         resampled(pair.near_dn, pair.far_dn, alignment, away, first),

@@ -405,8 +405,9 @@ class Transfer2d(StoredModel):
     lower triangle, row by row, of the parameters' matrix, with the scatter from edge to edge and
     that of the focus between captures, widened by Student's quantile over the normal one.
     ``angles_deg`` are the edges' normals, modulo 180 degrees. ``scatter`` is a factor on the
-    noise's covariance, at least 1. ``rho_err_assumed`` is in ``otf_err`` where the edges leave the
-    correlation open and it is taken as 0.
+    noise's covariance, at least 1. It and ``chi2_reduced`` are 1 for pairs, whose covariance holds
+    their scatter. ``rho_err_assumed`` is in ``otf_err`` where the edges leave the correlation open
+    and it is taken as 0.
     """
 
     form: FormName
