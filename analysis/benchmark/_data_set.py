@@ -19,8 +19,8 @@ from analysis.errors import ResultsFileError
 from calibration.documents import fitted
 from simulation.arrays import Float32Array
 
-Track = Literal["psf", "simulation", "alignment", "changes"]
-TRACKS: tuple[Track, ...] = ("psf", "simulation", "alignment", "changes")
+Track = Literal["psf", "simulation", "alignment", "changes", "things"]
+TRACKS: tuple[Track, ...] = ("psf", "simulation", "alignment", "changes", "things")
 FREQUENCIES = ("0.1", "0.2", "0.3", "0.4", "0.5")
 """Of the MTF, in cycles/px, as they are written in the names of columns."""
 
@@ -71,7 +71,7 @@ class Manifest(_Stored):
     """manifest.json: which data set this is, and what its files hold."""
 
     format: Literal["standoff benchmark"]
-    version: Literal["1.0"]
+    version: Literal["1.0", "1.1"]
     size: Label
     seed: int
     sha256: _Printable = Field(max_length=200)
@@ -182,7 +182,13 @@ class ChangesTask(_Stored):
     noise: _PixelNoise
 
 
-Task = TypeVar("Task", SimulationTask, AlignmentTask, ChangesTask)
+class ThingsTask(_Stored):
+    """A pair of photographs, on half of which something happened to things."""
+
+    task: Name
+
+
+Task = TypeVar("Task", SimulationTask, AlignmentTask, ChangesTask, ThingsTask)
 
 
 class TaskList(_Stored, Generic[Task]):
@@ -237,6 +243,60 @@ class ChangesTruth(_Stored):
 
     levels_per_dn: float = Field(default=16.0, gt=0, le=_FARTHEST)
     tasks: dict[Name, TrueChanges]
+
+
+class TrueThing(_Stored):
+    """What happened to a thing."""
+
+    what: Literal["gone", "new", "moved", "colour"]
+
+
+class TrueThings(_Stored):
+    """What happened between two photographs.
+
+    ``labels`` is a picture of the set: the number of the thing, from 1, at the follow-up's pixels
+    where it was or is, and 0 elsewhere. ``mirrored``: no camera sees both photographs.
+    """
+
+    changed: bool
+    mirrored: bool = False
+    kind: Label
+    scene: str
+    labels: str | None = None
+    things: Annotated[list[TrueThing], Field(max_length=255)] = []  # noqa: RUF012 - as above
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.changed == bool(self.things) == (self.labels is not None):
+            raise ValueError("things and labels are of changed pairs, and of these alone")
+        return self
+
+
+class ThingsTruth(_Stored):
+    """truth/things.json."""
+
+    tasks: dict[Name, TrueThings]
+
+
+class GivenEntry(_Stored):
+    """An entry of a program's list: a place in the follow-up, and what happened there."""
+
+    x_px: Coordinate
+    y_px: Coordinate
+    what: Literal["gone", "new", "moved", "colour", "brighter", "darker"] | None = None
+
+
+class GivenThings(_Stored):
+    """A program's answer to a pair: its list, or that the two cannot be compared."""
+
+    entries: Annotated[list[GivenEntry], Field(max_length=_MOST_PLACES)] | None = None
+    refused: bool | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.entries is not None) == bool(self.refused):
+            raise ValueError('give one of "entries" and "refused": true')
+        return self
 
 
 class GivenAlignment(_Stored):

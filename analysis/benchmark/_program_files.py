@@ -7,6 +7,7 @@ from io import BytesIO, TextIOWrapper
 from math import isfinite
 from os.path import lexists
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import RootModel
 
@@ -16,6 +17,7 @@ from analysis.benchmark._data_set import (
     FREQUENCIES,
     About,
     GivenAlignment,
+    GivenThings,
     Places,
     PsfTruth,
     Shape,
@@ -28,7 +30,10 @@ from analysis.errors import ResultsFileError
 from simulation.arrays import Float32Array
 
 PSF_NAME, ALIGNMENT_NAME, DETECTIONS_NAME = "psf.csv", "alignment.json", "detections.json"
+THINGS_NAME = "things.json"
 _ABOUT_NAME = "about.json"
+
+_Answer = TypeVar("_Answer")
 
 _ERROR_COLUMN = "mtf50_standard_error"
 _MTF_COLUMNS = tuple(f"mtf_{name}" for name in FREQUENCIES)
@@ -41,6 +46,10 @@ _MOST_CONTRAST = 100.0
 
 class _Alignments(RootModel[dict[str, GivenAlignment]]):
     """alignment.json."""
+
+
+class _Things(RootModel[dict[str, GivenThings]]):
+    """things.json."""
 
 
 class _Detections(RootModel[dict[str, Places]]):
@@ -94,7 +103,7 @@ class ProgramFiles:
 
     def documents(self) -> list[Path]:
         """The files of its answers that are no pictures."""
-        names = (_ABOUT_NAME, PSF_NAME, ALIGNMENT_NAME, DETECTIONS_NAME)
+        names = (_ABOUT_NAME, PSF_NAME, ALIGNMENT_NAME, DETECTIONS_NAME, THINGS_NAME)
         return [path for name in names if lexists(path := self.folder / name)]
 
     def edges(self, truth: PsfTruth) -> dict[tuple[str, str], GivenEdge]:
@@ -131,9 +140,17 @@ class ProgramFiles:
         ResultsFileError
             If a task is unknown, or an answer is none.
         """
-        found = document(self._document(ALIGNMENT_NAME), self.folder / ALIGNMENT_NAME, _Alignments)
-        self._check_tasks(ALIGNMENT_NAME, found.root, tasks)
-        return found.root
+        return self._answers(ALIGNMENT_NAME, _Alignments, tasks)
+
+    def things(self, tasks: Collection[str]) -> dict[str, GivenThings]:
+        """Read things.json.
+
+        Raises
+        ------
+        ResultsFileError
+            If a task is unknown, or an answer is none.
+        """
+        return self._answers(THINGS_NAME, _Things, tasks)
 
     def detections(self, tasks: Collection[str]) -> dict[str, Places] | None:
         """Read detections.json; None where there is none.
@@ -143,12 +160,9 @@ class ProgramFiles:
         ResultsFileError
             If a task is unknown, or a place is none.
         """
-        path = self.folder / DETECTIONS_NAME
-        if not lexists(path):
+        if not lexists(self.folder / DETECTIONS_NAME):
             return None
-        found = document(self._document(DETECTIONS_NAME), path, _Detections)
-        self._check_tasks(DETECTIONS_NAME, found.root, tasks)
-        return found.root
+        return self._answers(DETECTIONS_NAME, _Detections, tasks)
 
     def pictures(self, track: Track, tasks: Collection[str]) -> dict[str, Path]:
         """Return the pictures of a track, by task.
@@ -171,13 +185,16 @@ class ProgramFiles:
             raise _refused(odd, f"there is no such task; the files of {folder} are TASK.tif")
         return {known[path.name]: path for path in shown}
 
-    def _document(self, name: str) -> bytes:
-        return file_bytes(self.folder / name, LARGEST_DOCUMENT_BYTES)
-
-    def _check_tasks(self, name: str, given: Collection[str], tasks: Collection[str]) -> None:
-        odd = next((task for task in given if task not in tasks), None)
+    def _answers(
+        self, name: str, model: type[RootModel[dict[str, _Answer]]], tasks: Collection[str]
+    ) -> dict[str, _Answer]:
+        """Read a document that has an answer to each task, and know the tasks."""
+        path = self.folder / name
+        found = document(file_bytes(path, LARGEST_DOCUMENT_BYTES), path, model).root
+        odd = next((task for task in found if task not in tasks), None)
         if odd is not None:
-            raise _refused(self.folder / name, f"there is no task {_shown(odd)}")
+            raise _refused(path, f"there is no task {_shown(odd)}")
+        return found
 
     def _paths(self, track: Track) -> tuple[Path, ...]:
         names = {
@@ -185,6 +202,7 @@ class ProgramFiles:
             "simulation": ("simulation",),
             "alignment": (ALIGNMENT_NAME,),
             "changes": ("changes", DETECTIONS_NAME),
+            "things": (THINGS_NAME,),
         }
         return tuple(self.folder / name for name in names[track])
 

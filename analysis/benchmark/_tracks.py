@@ -29,6 +29,7 @@ from analysis.benchmark._data_set import (
     TrueSimulation,
 )
 from analysis.benchmark._program_files import ALIGNMENT_NAME, GivenEdge, ProgramFiles, given_levels
+from analysis.benchmark._things_track import score_things
 from analysis.benchmark.scores import (
     ANSWERED,
     Announce,
@@ -421,7 +422,7 @@ def scored(
         if not taken:
             raise ResultsFileError(
                 f"{files.folder} holds no results; expected psf.csv, alignment.json, "
-                "detections.json, or folders simulation and changes",
+                "things.json, detections.json, or folders simulation and changes",
                 source=str(files.folder),
             )
         found = [_scores_of(track, data, files, bar) for track in taken]
@@ -450,6 +451,8 @@ def _scores_of(track: Track, data: BenchmarkData, files: ProgramFiles, bar: Bar)
         return _score_psf(data, files, name)
     if track == "alignment":
         return _score_alignment(data, files, name)
+    if track == "things":
+        return score_things(data, files, name)
     score = _score_simulation if track == "simulation" else score_changes
     with bar(f"scoring {track} of {name}", data.tasks_of(track)) as advance_to:
         return score(data, files, name, advance_to)

@@ -115,6 +115,18 @@ MEASURES: dict[Track, tuple[Measure, ...]] = {
         _of_all("own_recall", "own detections: recall", "%", "more", 1),
         _of_all("own_false_places", "own detections: false places a frame", "", digits=2),
     ),
+    "things": (
+        _of_all(ANSWERED, "pairs compared", "%", "more", 1),
+        _of_all("things_found", "things found", "%", "more", 1, is_headline=True),
+        _of_all("precision", "precision", "%", "more", 1, is_headline=True),
+        _of_answered("false_entries", "false entries a pair", ""),
+        _of_answered("entries_a_thing", "entries for a thing found", ""),
+        _of_answered("told_rightly", "what happened told rightly", "%", "more", 1),
+        _of_all(
+            "unchanged_silent", "unchanged pairs without an entry", "%", "more", 1, is_headline=True
+        ),
+        _of_all("mirrored_refused", "mirrored pairs refused", "%", "more", 1),
+    ),
 }
 
 TITLES: dict[Track, str] = {
@@ -122,6 +134,7 @@ TITLES: dict[Track, str] = {
     "simulation": "Photographs from further away",
     "alignment": "Alignment of two photographs",
     "changes": "Changes between two photographs",
+    "things": "Things gone, new, moved or of another colour",
 }
 
 

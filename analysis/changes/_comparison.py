@@ -8,6 +8,7 @@ the pair takes it to the target. What remains is compared with its own scatter.
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, sqrt
 
+import cv2
 import numpy as np
 
 from analysis.changes._colour import ChannelDifference, ColourPlanes, colour_planes
@@ -39,6 +40,8 @@ from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
 from simulation.capture_noise import CaptureNoise
 
 _LEAST_PIXELS = 1000
+_ARITHMETIC = 1e-7
+"""Of the largest level: what float32 holds of it."""
 _FOCUS_PX2, _SURE = 0.15, 3.0
 """Extra blur that is said, and the standard errors by which it must differ from none: a width of
 0.39 px on top of the other. Correlated noise, as of strong compression, may pass for less."""
@@ -86,7 +89,8 @@ class Comparison:
     width_err_px2``: standard deviations of the registration along the gradient, and of the variance
     by which the fitted blur is wrong. ``scatter``: of what the difference consists. ``warnings``:
     sentences on what makes the comparison doubtful. ``colours``: what the channels say together, of
-    photographs in colour.
+    photographs in colour. ``drawn_apart``: of drawings of two levels, where they differ, and where
+    by more than an outline that is a pixel away.
     """
 
     is_on_followup: bool
@@ -109,6 +113,7 @@ class Comparison:
     scatter: FittedScatter
     warnings: tuple[str, ...] = ()
     colours: ColourPlanes | None = field(default=None, repr=False)
+    drawn_apart: tuple[BoolArray, BoolArray] | None = field(default=None, repr=False)
 
     @property
     def followup_smoothing_px(self) -> float:
@@ -256,6 +261,9 @@ class _Matched:
             variance += self.pair.tone_variance_dn2
         if self.pair.place_err_px is not None:
             variance += self.terms.others[0] * self.pair.place_err_px**2
+        # Of two levels whole parts have no variance at all: they differ by nothing but rounding.
+        least_dn = np.float32(_ARITHMETIC) * np.abs(self.target[self.valid]).max()
+        np.maximum(variance, np.square(least_dn), out=variance)
         return variance
 
     @property
@@ -389,7 +397,21 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
             fit, matched.terms, matched.floor_dn2, valid, matched.gains, (pair.source, pair.target)
         ),
         warnings=(*focus.warnings, *_unexplained(share)),
+        drawn_apart=_drawn_apart(pair) if pair.is_drawn else None,
     )
+
+
+def _drawn_apart(pair: PhotographPair) -> tuple[BoolArray, BoolArray]:
+    """Where two drawings differ, and where by more than an outline that is a pixel away.
+
+    Beside such an outline both have either level: a line that one of them lacks is more.
+    """
+    middle_dn = np.float32((pair.target.min() + pair.target.max()) / 2)
+    around = np.ones((3, 3), dtype=np.uint8)
+    seen, target = ((one > middle_dn).astype(np.uint8) for one in (pair.seen(0.0), pair.target))
+    has_both = [cv2.dilate(one, around) > cv2.erode(one, around) for one in (seen, target)]
+    differs = seen != target
+    return differs, differs & ~(has_both[0] & has_both[1])
 
 
 def _between_ends(

@@ -22,7 +22,13 @@ from analysis.changes._photograph_pair import (
     view_rather,
 )
 from analysis.changes._prediction import meet
-from analysis.changes._regions import FoundChanges, discovery_threshold, link_levels, pixels_of
+from analysis.changes._regions import (
+    FoundChanges,
+    beyond_outlines,
+    discovery_threshold,
+    link_levels,
+    pixels_of,
+)
 from analysis.changes._significance import FilterWidth, significance_threshold
 from analysis.changes._things import ToldApart, as_things, moved_apart
 from analysis.changes.matching import PixelPositions, RelativeBlur, spline_coefficients
@@ -472,7 +478,8 @@ class _Detected:
             threshold = discovery_threshold(levels, options.false_discovery_rate)
         found = link_levels(levels, threshold)
         every = list_changes(found.regions, levels, compared, pose)
-        kept = large_enough(every, options, compared.gain)
+        large = large_enough(every, options, compared.gain)
+        kept = large & beyond_outlines(found.regions, compared.drawn_apart)
         regions = [found.regions[index] for index in np.flatnonzero(kept).tolist()]
         listed = [every[index] for index in np.flatnonzero(kept).tolist()]
         moved = moved_apart(compared, pose, regions, listed)
@@ -487,7 +494,7 @@ class _Detected:
             threshold_sd=threshold,
             found=found,
             apart=apart,
-            below_least=len(every) - len(listed),
+            below_least=int(np.count_nonzero(~large)),
             limits=LimitMaps.of(compared, levels, threshold, grid.followup_px, options.limit_rgb),
         )
 

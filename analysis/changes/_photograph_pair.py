@@ -201,6 +201,10 @@ _LEAST_OF_A_LEVEL, _MOST_OF_TWO_LEVELS = 0.01, 0.9
 """Share of the pixels at black and at white, each and both, from which on a picture counts as a
 drawing of these two levels."""
 
+_BLACK, _WHITE = 0.01, 0.93
+"""Up to and from where a level counts as one of them, over the range of the levels: codes of 25 and
+247 in sRGB, which JPEG files of drawings keep to."""
+
 _UNLIKE_OUTLINES = 0.02
 """Share of the pixels beside outlines that differ, from which on these were drawn anew."""
 
@@ -419,12 +423,14 @@ class PhotographPair:
 
     @property
     def _is_of_two_levels(self) -> bool:
-        """Whether both are drawings of black and white."""
-        return all(
-            min(np.mean(black), np.mean(white)) >= _LEAST_OF_A_LEVEL
-            and np.mean(black | white) >= _MOST_OF_TWO_LEVELS
-            for black, white in (self.source_ends, self.target_ends)
-        )
+        """Whether both are drawings of black and white; a JPEG file has levels near these too."""
+        for image in (self.source, self.target):
+            low_dn, high_dn = float(image.min()), float(image.max())
+            at_dn = low_dn + np.array([_BLACK, _WHITE]) * (high_dn - low_dn)
+            shares = float(np.mean(image <= at_dn[0])), float(np.mean(image >= at_dn[1]))
+            if min(shares) < _LEAST_OF_A_LEVEL or sum(shares) < _MOST_OF_TWO_LEVELS:
+                return False
+        return True
 
     @property
     def _has_like_outlines(self) -> bool:

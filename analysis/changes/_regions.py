@@ -27,6 +27,9 @@ from analysis.changes._significance import FilterWidth, expected_peaks
 from analysis.changes.matching import away_from
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage, IntArray
 
+_BEYOND_OUTLINES = 0.2
+"""Share of the differing pixels of a region of a drawing, from which on it is a change."""
+
 _CORE = 0.5
 _LEAST_PART = 0.1
 """Of a direction of length 1, below which a plane does not tell its sign."""
@@ -416,3 +419,20 @@ def discovery_threshold(levels: Sequence[DetectionLevel], rate: float) -> float:
     if excess(_LOWEST_SD) <= 0:
         return _LOWEST_SD
     return float(brentq(excess, _LOWEST_SD, _HIGHEST_SD))
+
+
+def beyond_outlines(
+    regions: Sequence[LinkedRegion], drawn_apart: tuple[BoolArray, BoolArray] | None
+) -> BoolArray:
+    """Tell the regions that are more than outlines a pixel away; all but of drawings.
+
+    ``drawn_apart``: as of `Comparison`. A line that is sampled anew, or scanned again, steps from
+    row to row elsewhere: over its length a wide filter takes that for a change.
+    """
+    if drawn_apart is None:
+        return np.ones(len(regions), dtype=np.bool_)
+    differs, more = (
+        np.array([np.count_nonzero(mask[region.rows, region.cols]) for region in regions])
+        for mask in drawn_apart
+    )
+    return np.asarray(more >= np.maximum(_BEYOND_OUTLINES * differs, 1))

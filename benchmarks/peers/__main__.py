@@ -22,6 +22,7 @@ from benchmarks.peers import (
     depth_changes,
     edges,
     kernelgan,
+    listers,
     mtf_mapper,
     ours,
     zoom_outs,
@@ -40,6 +41,7 @@ def programs(mtf_mapper_output: Path | None = None) -> dict[str, Program]:
         *alignments.PROGRAMS,
         *changes.PROGRAMS,
         *depth_changes.PROGRAMS,
+        *listers.PROGRAMS,
         *kernelgan.PROGRAMS,
     ]
     if mtf_mapper_output is not None:

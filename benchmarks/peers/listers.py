@@ -1,4 +1,4 @@
-"""Programs that list what changed between two picture files; each entry has one place.
+"""Programs that list what happened between two picture files; each entry has one place.
 
 The plain difference, SSIM with contours and an alignment by features are what is written about this
 question everywhere; ``standoff.find_changes`` is the product. Places are in follow-up pixels.
@@ -6,7 +6,6 @@ question everywhere; ``standoff.find_changes`` is the product. Places are in fol
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from skimage.metrics import structural_similarity
 
 import standoff
 from benchmarks.peers.alignments import Matching, detector_of, magsac, matches_of
-from benchmarks.peers.program import PeerError
+from benchmarks.peers.program import Entry, ListedThings, PeerError, Program, Task
 from simulation.arrays import BoolArray
 from standoff.errors import REPORTED_ERRORS
 
@@ -29,18 +28,6 @@ _OVERLAP_PX = 6
 
 Levels = NDArray[np.float32]
 """Of 0 to 255; shape ``(rows, cols, 3)``."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
-    """Something listed: where, whether as moved by how much, in a word, and of how many parts."""
-
-    x_px: float
-    y_px: float
-    is_moved: bool = False
-    shift_px: tuple[float, float] | None = None
-    what: str | None = None
-    parts: int = 1
 
 
 Lister = Callable[[Path, Path], tuple[Entry, ...]]
@@ -155,3 +142,46 @@ def _read(path: Path) -> Levels:
         raise PeerError(f"OpenCV does not read {path.name}")
     scale = 255 / 65535 if stored.dtype == np.uint16 else 1.0
     return np.asarray(stored, dtype=np.float32) * np.float32(scale)
+
+
+def _program(name: str, given: str, lister: Lister, *packages: str) -> Program:
+    return Program(
+        name=name,
+        given=f"{given}; the two files alone",
+        answers={"things": lambda task: listed(task, lister)},
+        packages=packages,
+    )
+
+
+def listed(task: Task, lister: Lister) -> ListedThings:
+    """What a program lists of a pair."""
+    return ListedThings(entries=lister(task.path("reference"), task.path("followup")))
+
+
+PROGRAMS = (
+    _program(
+        "plain-difference",
+        "connected pixels that differ by more than 20 levels in a channel, both photographs "
+        "smoothed by 1.5 px",
+        plain_difference,
+        "opencv-contrib-python-headless",
+    ),
+    _program(
+        "sift-difference",
+        "the same behind a homography by OpenCV's SIFT and USAC_MAGSAC",
+        aligned_difference,
+        "opencv-contrib-python-headless",
+    ),
+    _program(
+        "ssim-contours",
+        "contours of more than 40 px of scikit-image's SSIM behind Otsu's threshold",
+        ssim_contours_otsu,
+        "scikit-image",
+    ),
+    _program(
+        "ssim-half-contours",
+        "contours of more than 40 px where scikit-image's SSIM is below .5",
+        _ssim_contours_half,
+        "scikit-image",
+    ),
+)

@@ -5,6 +5,7 @@ from scipy.ndimage import label
 
 import standoff
 from analysis.errors import AnalysisError
+from benchmarks.peers.listers import listed, standoff_changes
 from benchmarks.peers.program import (
     CONTRAST_FREQ_CY_PER_PX,
     AlignedPoints,
@@ -183,6 +184,7 @@ PROGRAMS = (
             "simulation": _simulated,
             "alignment": _aligned,
             "changes": _changed,
+            "things": lambda task: listed(task, standoff_changes),
         },
         packages=("standoff",),
     ),

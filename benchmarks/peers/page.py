@@ -51,6 +51,16 @@ SHOWN: dict[Track, tuple[str, ...]] = {
         "own_recall",
         "own_false_places",
     ),
+    "things": (
+        "answered",
+        "things_found",
+        "precision",
+        "false_entries",
+        "entries_a_thing",
+        "told_rightly",
+        "unchanged_silent",
+        "mirrored_refused",
+    ),
 }
 """Measures of the tables; scores.md of the scorer has all."""
 

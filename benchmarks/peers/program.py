@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simulation.arrays import FloatArray
 
-Track: TypeAlias = Literal["psf", "simulation", "alignment", "changes"]
+Track: TypeAlias = Literal["psf", "simulation", "alignment", "changes", "things"]
 TRACKS: tuple[Track, ...] = get_args(Track)
 
 LINEAR_MAX_DN = 4095.0
@@ -128,7 +128,26 @@ class ChangeScore:
     places: FloatArray | None = None
 
 
-Answer: TypeAlias = list[EdgeContrast] | FloatArray | AlignedPoints | ChangeScore
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """Something listed: where, whether as moved by how much, in a word, and of how many parts."""
+
+    x_px: float
+    y_px: float
+    is_moved: bool = False
+    shift_px: tuple[float, float] | None = None
+    what: str | None = None
+    parts: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListedThings:
+    """What happened between two photographs, entry by entry."""
+
+    entries: tuple[Entry, ...]
+
+
+Answer: TypeAlias = list[EdgeContrast] | FloatArray | AlignedPoints | ChangeScore | ListedThings
 Answerer: TypeAlias = Callable[[Task], Answer]
 
 

@@ -20,6 +20,8 @@ from benchmarks.peers.program import (
     AlignedPoints,
     Answer,
     ChangeScore,
+    Entry,
+    ListedThings,
     PeerError,
     Program,
     Task,
@@ -84,6 +86,9 @@ class Results:
         if poses := self.of_track("alignment"):
             found = {line["task"]: line.get("answer", {"refused": True}) for line in poses}
             _write_json(self.folder / "alignment.json", found)
+        if things := self.of_track("things"):
+            listed = {line["task"]: line.get("answer", {"refused": True}) for line in things}
+            _write_json(self.folder / "things.json", listed)
         places = {
             line["task"]: line["answer"]["places"]
             for line in answered
@@ -159,8 +164,16 @@ def _kept(answer: Answer, task: Task, results: Results) -> Any:  # noqa: ANN401 
     if isinstance(answer, ChangeScore):
         results.write_image(task, answer.score)
         return {"places": None if answer.places is None else answer.places.tolist()}
+    if isinstance(answer, ListedThings):
+        return {"entries": [_entry(one) for one in answer.entries]}
     results.write_image(task, answer)
     return {"pixels": int(np.isfinite(answer).sum())}
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    what = "moved" if entry.is_moved else entry.what
+    place = {"x_px": entry.x_px, "y_px": entry.y_px}
+    return place if what is None else {**place, "what": what}
 
 
 def _cell(value: float | None) -> str:

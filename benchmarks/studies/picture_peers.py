@@ -21,8 +21,8 @@ from typing import Annotated
 import numpy as np
 
 from benchmarks.harness import Recorder, benchmark, real_data
-from benchmarks.peers.listers import LISTERS, OURS, Entry
-from benchmarks.peers.program import PeerError
+from benchmarks.peers.listers import LISTERS, OURS
+from benchmarks.peers.program import Entry, PeerError
 from benchmarks.scoring import Share
 from benchmarks.studies.things import assigned
 from benchmarks.truth.pictures import KINDS, Picture, catalogue, null_pairs

@@ -30,8 +30,8 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from benchmarks.harness import Recorder, benchmark, outcomes, written
-from benchmarks.peers.listers import Entry, standoff_changes
-from benchmarks.peers.program import PeerError
+from benchmarks.peers.listers import standoff_changes
+from benchmarks.peers.program import Entry, PeerError
 from benchmarks.scoring import Share
 from benchmarks.truth.pictures import Picture, catalogue
 from benchmarks.truth.things import (

@@ -8,10 +8,11 @@ from typing import Any
 from hil_mocks.benchmark_set._camera_tracks import LEVELS, psf_tasks, simulation_tasks
 from hil_mocks.benchmark_set._pair_tracks import alignment_tasks, change_tasks
 from hil_mocks.benchmark_set._tasks import SIZES, Task
+from hil_mocks.benchmark_set._things import things_tasks
 
 FORMAT = "standoff benchmark"
-VERSION = "1.0"
-TRACKS = ("psf", "simulation", "alignment", "changes")
+VERSION = "1.1"
+TRACKS = ("psf", "simulation", "alignment", "changes", "things")
 _DIGITS = 10
 _NEGLIGIBLE = 1e-11
 """Numbers below are what rounding left of 0."""
@@ -25,6 +26,7 @@ def benchmark_tasks(size: str, seed: int) -> list[Task]:
         *simulation_tasks(known, seed),
         *alignment_tasks(known, seed),
         *change_tasks(known, seed),
+        *things_tasks(known, seed),
     ]
     return sorted(tasks, key=lambda task: (task.scene_name, task.track, task.name))
 
@@ -77,6 +79,7 @@ def card_files(size: str, seed: int) -> dict[str, bytes]:
         "alignments": str(known.alignments),
         "unrelated": str(known.unrelated),
         "changes": str(known.changes + known.deep_changes),
+        "things": str(known.things + known.lone_things),
         "scenes": str(len(known.scenes)),
         "frame": "{1} x {0}".format(*known.frame),
     }

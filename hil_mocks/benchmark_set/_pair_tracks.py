@@ -21,7 +21,7 @@ from hil_mocks.benchmark_set._photographs import (
     WHITE_DN,
     Condition,
     Grid,
-    mask_tiff,
+    labels_tiff,
     pixels,
     spot_series,
     truth_tiff,
@@ -38,6 +38,7 @@ from hil_mocks.benchmark_set._tasks import (
     gradient,
     numbered,
     spread,
+    twins,
 )
 
 ALIGNMENT_KINDS = ("frontal", "turned", "tilted", "far", "light", "relief", "distortion", "jpeg")
@@ -91,7 +92,7 @@ class Alignment(PairTask):
                 "lens": self.lens.facts(),
                 "condition": condition.name,
                 **({} if is_related else {"followup_scene": self.other_scene}),
-                **_pose_facts(pose),
+                **pose_facts(pose),
                 "points": _seen_points(pose, points) if is_related else [],
             },
         )
@@ -134,7 +135,7 @@ def _pose_of(
     return pose
 
 
-def _pose_facts(pose: Pose) -> dict[str, Any]:
+def pose_facts(pose: Pose) -> dict[str, Any]:
     """Return what the truth says of a pose."""
     return {
         "zoom": pose.zoom,
@@ -273,7 +274,7 @@ class ChangedPair(PairTask):
         if isinstance(view, DeepView) and seen is not None:
             unseen = f"truth/changes/{self.name}-unseen.tif"
             depths = {"unseen": unseen, "depths": view.facts()}
-            files[unseen] = mask_tiff(seen.is_unseen)
+            files[unseen] = labels_tiff(seen.is_unseen)
         return RenderedTask(
             files=files,
             task={
@@ -290,7 +291,7 @@ class ChangedPair(PairTask):
                 "scene": self.scene_name,
                 "lens": self.lens.facts(),
                 "condition": condition.name,
-                **_pose_facts(pose),
+                **pose_facts(pose),
                 **depths,
                 "spots": [asdict(spot) for spot in spots],
             },
@@ -423,7 +424,7 @@ def change_tasks(size: SetSize, seed: int) -> list[Task]:
                 lens=lens,
                 condition=condition,
             )
-            for is_changed in _twins(rng)
+            for is_changed in twins(rng)
         ]
     # Drawn by themselves: what they are changes nothing of the tasks before them.
     rng, pairs = stream(seed, "changes", "deep", size.name), size.deep_changes // 2
@@ -451,11 +452,6 @@ def change_tasks(size: SetSize, seed: int) -> list[Task]:
                 lens=lens,
                 condition=condition,
             )
-            for is_changed in _twins(rng)
+            for is_changed in twins(rng)
         ]
     return tasks
-
-
-def _twins(rng: np.random.Generator) -> tuple[bool, bool]:
-    """Which of two twins is changed."""
-    return (True, False) if rng.uniform() < 0.5 else (False, True)

@@ -86,18 +86,18 @@ def _transfer(lens: Lens, grid: Grid) -> NDArray[np.float64] | NDArray[np.comple
     return system_otf(lens, grid.freq_x, grid.freq_y)
 
 
-def sampled(light: Light, grid: Grid) -> Series:
-    """Series of light that is given at positions."""
+def sampled(light: Light, grid: Grid, channels: tuple[int, ...] = ()) -> Series:
+    """Series of light that is given at positions, shape ``(*channels, rows, cols)``."""
     rows, cols = (n * grid.per_px for n in grid.period_px)
     x = np.arange(cols) / grid.per_px - MARGIN_PX
     y = np.arange(rows) / grid.per_px - MARGIN_PX
-    series = np.empty((rows, grid.freq_x.size), dtype=np.complex128)
+    series = np.empty((*channels, rows, grid.freq_x.size), dtype=np.complex128)
     for top in range(0, rows, _ROWS_AT_ONCE):
         part = slice(top, min(top + _ROWS_AT_ONCE, rows))
         levels = light(*np.meshgrid(x, y[part]))
-        lines = scipy.fft.rfft(levels, axis=1, norm="forward")
-        series[part] = lines[:, : series.shape[1]]
-    return np.asarray(scipy.fft.fft(series, axis=0, norm="forward", overwrite_x=True))
+        lines = scipy.fft.rfft(levels, axis=-1, norm="forward")
+        series[..., part, :] = lines[..., : series.shape[-1]]
+    return np.asarray(scipy.fft.fft(series, axis=-2, norm="forward", overwrite_x=True))
 
 
 def spot_series(grid: Grid, x_px: float, y_px: float, sigma_px: float, amplitude: float) -> Series:
@@ -338,9 +338,9 @@ def truth_tiff(levels_dn: FloatArray, dtype: type[np.uint16] | type[np.int16]) -
     return _tiff_bytes(np.rint(levels_dn * STEPS_PER_DN).astype(dtype))
 
 
-def mask_tiff(mask: NDArray[np.bool_]) -> bytes:
-    """A mask as a file: 1 where it holds."""
-    return _tiff_bytes(mask.astype(np.uint8))
+def labels_tiff(labels: NDArray[np.bool_] | NDArray[np.uint8]) -> bytes:
+    """Numbers of the pixels as a file; of a mask 1 where it holds."""
+    return _tiff_bytes(labels.astype(np.uint8))
 
 
 def _tiff_bytes(levels: NDArray[Any]) -> bytes:

@@ -26,7 +26,8 @@ class SetSize:
 
     ``frame`` and ``chart_frame`` are ``(rows, cols)`` of photographs and of the charts beside them;
     ``variants`` is the number of scenes of a kind, ``kinds`` that of the kinds; ``deep_changes`` is
-    that of the pairs with depth beyond the ``changes``.
+    that of the pairs with depth beyond the ``changes``, ``lone_things`` that of the pairs without a
+    twin beyond the ``things``.
     """
 
     name: str
@@ -41,6 +42,8 @@ class SetSize:
     unrelated: int
     changes: int
     deep_changes: int
+    things: int
+    lone_things: int
 
     @property
     def scenes(self) -> list[str]:
@@ -63,6 +66,8 @@ SIZES = {
         unrelated=1,
         changes=6,
         deep_changes=4,
+        things=4,
+        lone_things=2,
     ),
     "small": SetSize(
         name="small",
@@ -77,6 +82,8 @@ SIZES = {
         unrelated=12,
         changes=96,
         deep_changes=32,
+        things=64,
+        lone_things=12,
     ),
     "full": SetSize(
         name="full",
@@ -91,6 +98,8 @@ SIZES = {
         unrelated=48,
         changes=384,
         deep_changes=128,
+        things=128,
+        lone_things=24,
     ),
 }
 
@@ -115,6 +124,11 @@ def spread(rng: np.random.Generator, values: Sequence[T], count: int) -> list[T]
 def numbered(prefix: str, count: int) -> list[str]:
     """Names of a track's tasks."""
     return [f"{prefix}-{number:03d}" for number in range(1, count + 1)]
+
+
+def twins(rng: np.random.Generator) -> tuple[bool, bool]:
+    """Which of two twins is changed."""
+    return (True, False) if rng.uniform() < 0.5 else (False, True)
 
 
 def chart_light(chart: Chart, lens: Lens) -> FloatArray:

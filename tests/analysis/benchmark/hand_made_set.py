@@ -29,6 +29,7 @@ class HandMadeSet:
     simulation: dict[str, Any] = field(default_factory=dict)
     alignment: dict[str, Any] = field(default_factory=dict)
     changes: dict[str, Any] = field(default_factory=dict)
+    things: dict[str, Any] = field(default_factory=dict)
     tasks: dict[str, list[Any]] = field(default_factory=dict)
     pictures: dict[str, NDArray[Any]] = field(default_factory=dict)
 
@@ -112,6 +113,32 @@ class HandMadeSet:
                 made[round(y), round(x)] = round(16 * dn)
             self.pictures[f"truth/changes/{name}.tif"] = made
 
+    def listed(
+        self,
+        name: str,
+        scene: str,
+        things: list[tuple[str, int, int]],
+        kind: str = "hand",
+        *,
+        mirrored: bool = False,
+    ) -> None:
+        """Add a pair with things of 5 x 5 px about (x, y): ``(what, x, y)`` each."""
+        self.tasks.setdefault("things", []).append({"task": name})
+        truth: dict[str, Any] = {
+            "changed": bool(things),
+            "mirrored": mirrored,
+            "kind": kind,
+            "scene": scene,
+            "things": [{"what": what} for what, _, _ in things],
+        }
+        if things:
+            truth["labels"] = f"truth/things/{name}.tif"
+            labels = np.zeros((ROWS, COLS), np.uint8)
+            for number, (_, x, y) in enumerate(things, 1):
+                labels[y - 2 : y + 3, x - 2 : x + 3] = number
+            self.pictures[truth["labels"]] = labels
+        self.things[name] = truth
+
     def write(self, folder: Path) -> Path:
         """Write the data set into a folder, with its manifest."""
         documents: dict[str, Any] = {"truth/psf.json": {"charts": self.charts}}
@@ -119,6 +146,7 @@ class HandMadeSet:
             ("simulation", self.simulation),
             ("alignment", self.alignment),
             ("changes", self.changes),
+            ("things", self.things),
         ):
             documents[f"truth/{track}.json"] = {"levels_per_dn": 16, "tasks": truth}
             documents[f"{track}/tasks.json"] = {

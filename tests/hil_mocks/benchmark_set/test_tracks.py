@@ -24,6 +24,7 @@ def test_a_set_has_the_tasks_that_its_size_says_under_names_of_their_own(size: s
         "simulation": known.simulations,
         "alignment": known.alignments,
         "changes": known.changes + known.deep_changes,
+        "things": known.things + known.lone_things,
     }
     unrelated = [task for task in tasks if isinstance(task, Alignment) and task.other_scene]
     assert len(unrelated) == known.unrelated

@@ -76,7 +76,7 @@ def test_the_manifest_lists_every_file_and_nothing_else_is_left(tiny: Path) -> N
     }
     assert manifest(tiny)["files"] == files
     assert not (tiny / STATE_NAME).exists()
-    for track in ("psf", "simulation", "alignment", "changes"):
+    for track in ("psf", "simulation", "alignment", "changes", "things"):
         for task in json.loads((tiny / track / "tasks.json").read_text())["tasks"]:
             for key in ("file", "nearer_file", "reference", "followup", "chart"):
                 if "chart" in task and key == "chart" and track == "psf":
@@ -88,7 +88,7 @@ def test_the_manifest_lists_every_file_and_nothing_else_is_left(tiny: Path) -> N
 @pytest.mark.slow
 def test_a_set_that_is_complete_is_found_so_and_one_that_was_altered_is_not(tiny: Path) -> None:
     again = standoff.make_benchmark(tiny, size="tiny")
-    assert again.tasks_found_done == sum(again.tasks.values()) == 24
+    assert again.tasks_found_done == sum(again.tasks.values()) == 30
     with pytest.raises(ApplicationError, match="holds something else; name another --out"):
         standoff.make_benchmark(tiny, size="tiny", seed=2)
     card = tiny / "README.md"
