@@ -234,8 +234,9 @@ def _outlined(region: LinkedRegion, field: SmoothedField) -> tuple[IntArray, Int
         (own.shape[1], own.shape[0]),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
     )
-    highest = light[own].max()
-    if highest <= 0:  # of the other sign in this field: what was marked is all that is known
+    highest = light[own].max(initial=0)
+    # Of the other sign in this field, or in rows that it is too coarse for: what was marked is all.
+    if highest <= 0:
         return region.rows, region.cols
     level = np.median(light[own & (light > highest / 2)])
     above = light > level / 2

@@ -262,7 +262,7 @@ class _Matched:
         if self.pair.place_err_px is not None:
             variance += self.terms.others[0] * self.pair.place_err_px**2
         # Of two levels whole parts have no variance at all: they differ by nothing but rounding.
-        least_dn = np.float32(_ARITHMETIC) * np.abs(self.target[self.valid]).max()
+        least_dn = np.float32(_ARITHMETIC) * np.abs(self.target[self.valid]).max(initial=0)
         np.maximum(variance, np.square(least_dn), out=variance)
         return variance
 

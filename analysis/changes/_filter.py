@@ -33,6 +33,7 @@ from analysis.changes._significance import FilterWidth, significance_threshold
 from analysis.changes._things import ToldApart, as_things, moved_apart
 from analysis.changes.matching import PixelPositions, RelativeBlur, spline_coefficients
 from analysis.errors import AnalysisError
+from calibration.errors import RegistrationError
 from calibration.registration import (
     DistortedPose,
     RegistrationHints,
@@ -431,7 +432,13 @@ def _found(given: CodedAlike, psf: GaussianPsf | None, options: ChangeOptions) -
     if hints.left_out is None:
         hints = replace(hints, left_out=options.left_out)
     near = RegistrationReference.of(reference, options.reference_left_out)
-    made = register_images(near, followup, psf, hints)
+    try:
+        made = register_images(near, followup, psf, hints)
+    except RegistrationError:
+        view = None if alike is None else one_view(*alike.photographs, options, is_last_resort=True)
+        if alike is None or view is None:
+            raise
+        return _Alignment(pose=view.pose, given=alike, blur=view.blur)
     shift = nearest_shift(made.pose)
     view = None if shift is None else one_view(reference, followup, options, shift)
     if view is not None:

@@ -202,8 +202,7 @@ _LEAST_OF_A_LEVEL, _MOST_OF_TWO_LEVELS = 0.01, 0.9
 drawing of these two levels."""
 
 _BLACK, _WHITE = 0.01, 0.93
-"""Up to and from where a level counts as one of them, over the range of the levels: codes of 25 and
-247 in sRGB, which JPEG files of drawings keep to."""
+"""Up to and from where a level counts as one of them, over their range: sRGB codes 25 and 247."""
 
 _UNLIKE_OUTLINES = 0.02
 """Share of the pixels beside outlines that differ, from which on these were drawn anew."""
@@ -557,6 +556,9 @@ _MOST_UNLIKE: Final = 0.25
 """Mean square of what differs over that of the scene: 2 for two unrelated ones, 0.2 at a noise as
 large as the scene."""
 
+_ALIKE: Final = 0.1
+"""The same of two photographs that surely show one scene from one place."""
+
 _NEAR_PX: Final = 0.5
 """A pose so near to a shift by whole pixels may be one."""
 
@@ -573,24 +575,25 @@ def one_view(
     followup: AnyArray,
     options: ChangeOptions,
     shift_px: tuple[int, int] = (0, 0),
+    *,
+    is_last_resort: bool = False,
 ) -> _OneView | None:
     """Return the pose of one view, if the photographs are such; None if they are to be aligned.
 
     A camera that stood still is not to be aligned: the errors of that would be the only ones.
     ``reference, followup``: grey, shape ``(rows, cols)`` each. ``shift_px``: ``(y, x)`` of the
-    follow-up's first pixel in the reference.
+    follow-up's first pixel in the reference. ``is_last_resort``: nothing aligns them: of long lines
+    no displacement can be told, and that they are alike is enough.
     """
     pose = _shifted(reference, followup, shift_px)
     found = _blur_at(reference, followup, options, pose)
-    if found is None:
+    if found is None or (is_last_resort and not found.unlike < _ALIKE):
         return None
     apart_px, err_px = found.most_displaced
     # Written so that NaN is no view.
-    if not (found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX):
-        return None
-    if not apart_px <= max(_MOST_PX, _SURELY * err_px):
-        return None
-    return _OneView(pose=pose, blur=found)
+    stood_still = found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX
+    stood_still &= apart_px <= max(_MOST_PX, _SURELY * err_px)
+    return _OneView(pose=pose, blur=found) if is_last_resort or stood_still else None
 
 
 def view_rather(
