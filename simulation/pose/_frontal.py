@@ -18,8 +18,8 @@ from simulation.pose._warp import BORDER_PX, NEARER_TOLERANCE_PX2
 from simulation.pose.view import PoseView
 from simulation.resampling import BandedMatrix, TermWeights, mirrored_rows, put_separable
 
-_STEP_PX = 32
-"""Between the pixels at which it is found which image is the sharper."""
+_STEP_PX, _STEPS = 32, 16
+"""Longest step between the pixels at which it is found which image is the sharper; fewest steps."""
 
 _DOUBT = 2.0
 """Changes of the least eigenvalue over a cell within which its sign is not that of the corners."""
@@ -108,7 +108,10 @@ def _sampling(
 
 def sure_nearer(view: PoseView) -> BoolArray | None:
     """Mask of the pixels that are sharper than the reference, or None if some are in doubt."""
-    steps = [np.append(np.arange(0, size, _STEP_PX), size - 1.0) for size in view.follow_up]
+    steps = [
+        np.append(np.arange(0, size, min(_STEP_PX, size // _STEPS + 1)), size - 1.0)
+        for size in view.follow_up
+    ]
     xx, xy, yy = np.moveaxis(view.survey(*steps)[..., 2:], 2, 0)
     least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy) + NEARER_TOLERANCE_PX2
     corners = np.stack([least[:-1, :-1], least[1:, :-1], least[:-1, 1:], least[1:, 1:]])
