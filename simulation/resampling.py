@@ -28,24 +28,28 @@ from scipy import sparse
 
 from simulation.arrays import Float32Array, FloatArray, FloatImage, IntArray
 from simulation.choices import GaussianForm
-from simulation.compiled import compiled, compiled_part
-
-_STEP = 2
-"""The bands of pairs are widened to a multiple of this; up to 6 rows are combined at a time."""
+from simulation.combined_rows import (
+    PACKED_BYTES,
+    VECTOR_BYTES,
+    add_weighted,
+    combine_rows,
+    whole_vectors,
+)
 
 _STRIP_BYTES = 1 << 20
 """A strip should stay in the second-level cache ..."""
 
 _STRIP_ROWS_MIN, _STRIP_ROWS_MAX = 64, 320
-"""... but the shorter the rows of its transpose, the more they cost in set-up; even numbers."""
+"""... but the shorter it is, the more rows of the image belong to two of them; whole vectors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RowPairs:
     """Rows 2 k and 2 k + 1 of a matrix over the same columns, zero where one has no weight.
 
-    ``starts`` has one column for each pair, ``bands`` its number of columns with a weight; a last
-    row without a partner gets an empty one.
+    ``starts`` has one column for each pair, ``bands`` its number of columns with a weight. Columns
+    2 t and 2 t + 1 of ``weights`` are the two rows' for the column t of the band. A last row
+    without a partner gets an empty one.
     """
 
     starts: IntArray
@@ -53,9 +57,10 @@ class _RowPairs:
     weights: FloatArray
     single_weights: Float32Array
 
-    def weights_as(self, dtype: "np.dtype[Any]") -> FloatImage:
-        """Weights in the dtype of an image."""
-        return self.single_weights if dtype == np.float32 else self.weights
+    def of(self, which: slice, dtype: "np.dtype[Any]") -> tuple[IntArray, IntArray, FloatImage]:
+        """Columns and weights of some of the pairs, in the dtype of an image."""
+        weights = self.single_weights if dtype == np.float32 else self.weights
+        return self.starts[which], self.bands[which], weights[which]
 
 
 def _paired(starts: IntArray, weights: FloatArray, columns: int) -> _RowPairs:
@@ -67,12 +72,12 @@ def _paired(starts: IntArray, weights: FloatArray, columns: int) -> _RowPairs:
     if rows % 2:
         first, last = np.append(first, first[-1]), np.append(last, last[-1])
     first, last = first.reshape(-1, 2).min(axis=1), last.reshape(-1, 2).max(axis=1)
-    bands = np.minimum(-(-(last - first) // _STEP) * _STEP, columns)
-    first = np.minimum(first, columns - bands)
-    shared = np.zeros((2 * len(first), int(bands.max())))
+    bands = last - first
+    each = np.zeros((len(first), int(bands.max()), 2))
     column = (starts - np.repeat(first, 2)[:rows])[:, None] + np.arange(band)
-    row = np.broadcast_to(np.arange(rows)[:, None], column.shape)
-    shared[row[has_weight], column[has_weight]] = weights[has_weight]
+    row = np.broadcast_to(np.arange(rows)[:, None], column.shape)[has_weight]
+    each[row // 2, column[has_weight], row % 2] = weights[has_weight]
+    shared = each.reshape(len(first), -1)
     return _RowPairs(first, bands, shared, shared.astype(np.float32))
 
 
@@ -164,10 +169,28 @@ _Term = tuple[BandedMatrix, tuple[BandedMatrix, ...]]
 """A matrix along y, and those to apply along x one after another."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TermWeights:
+    """Factors of the terms' results, linear along x between columns; in the image's dtype.
+
+    ``values`` has the shape ``(terms, columns, rows of the result)``. For every column of the
+    result ``node`` is the one before it and ``part`` the part of the way to the next.
+    """
+
+    values: FloatImage
+    node: IntArray
+    part: FloatImage
+
+
 def put_separable(
-    terms: tuple[_Term, ...], image: FloatImage, out: FloatImage, *, threads: int = 1
+    terms: tuple[_Term, ...],
+    image: FloatImage,
+    out: FloatImage,
+    *,
+    weights: TermWeights | None = None,
+    threads: int = 1,
 ) -> None:
-    """Write the sum of the image combined by each term to ``out``.
+    """Write the sum of the image combined by each term, times its weights, to ``out``.
 
     ``out`` has the result's shape and the image's dtype. Terms without a matrix along x combine
     along y alone. ``threads`` share the strips of rows; the result is the same.
@@ -177,14 +200,14 @@ def put_separable(
         if image.shape != expected:
             raise ValueError(f"the operator takes images of shape {expected}, got {image.shape}")
     image = np.ascontiguousarray(image)
-    fitting = _STRIP_BYTES // (image.shape[1] * image.itemsize) // 2 * 2
-    strip_rows = int(np.clip(fitting, _STRIP_ROWS_MIN, _STRIP_ROWS_MAX))
+    fitting = _STRIP_BYTES // (image.shape[1] * image.itemsize)
+    fitting = int(np.clip(fitting, _STRIP_ROWS_MIN, _STRIP_ROWS_MAX))
     # As many strips for each thread.
-    rounds = -(-len(out) // (strip_rows * threads))
-    strip_rows = min(strip_rows, -(-len(out) // (2 * rounds * threads)) * 2)
+    rounds = -(-len(out) // (fitting * threads))
+    strip_rows = whole_vectors(-(-len(out) // (rounds * threads)), image.dtype)
     strips = [slice(first, first + strip_rows) for first in range(0, len(out), strip_rows)]
     threads = min(threads, len(strips))
-    put = partial(_put_strips, terms, image, out)
+    put = partial(_put_strips, terms, image, out, weights)
     if threads == 1:
         put(strips)
         return
@@ -200,151 +223,76 @@ class _Scratch:
     arrays: dict[tuple[str, tuple[int, int]], FloatImage] = field(default_factory=dict)
 
     def array(self, name: str, shape: tuple[int, int], dtype: "np.dtype[Any]") -> FloatImage:
+        """Array whose rows begin where vectors in memory do, if they are whole ones."""
         if (name, shape) not in self.arrays:
-            self.arrays[name, shape] = np.empty(shape, dtype)
+            size = shape[0] * shape[1]
+            room = np.empty(size + VECTOR_BYTES // dtype.itemsize, dtype)
+            first = -room.ctypes.data % VECTOR_BYTES // dtype.itemsize
+            self.arrays[name, shape] = room[first : first + size].reshape(shape)
         return self.arrays[name, shape]
 
 
 def _put_strips(
-    terms: tuple[_Term, ...], image: FloatImage, out: FloatImage, strips: list[slice]
+    terms: tuple[_Term, ...],
+    image: FloatImage,
+    out: FloatImage,
+    weights: TermWeights | None,
+    strips: list[slice],
 ) -> None:
     scratch = _Scratch()
     for rows in strips:
-        _put_strip(terms, image, out[rows], rows.start // 2, scratch)
+        target = out[rows]
+        total: FloatImage | None = None
+        for number, (along_y, along_x) in enumerate(terms):
+            pairs = slice(rows.start // 2, rows.start // 2 + (len(target) + 1) // 2)
+            strip = _strip(image, along_y.pairs.of(pairs, image.dtype), scratch)
+            if not along_x:
+                target[:] = strip[: len(target), : target.shape[1]]
+                break
+            made = scratch.array("turned", (strip.shape[1], strip.shape[0]), image.dtype)
+            made = cast("FloatImage", cv2.transpose(strip, made))
+            for place, matrix in enumerate(along_x[:-1]):
+                made = _combined(made, matrix, f"part {place}", scratch)
+            # The sum is taken in the cache, before it is turned back.
+            if weights is None:
+                total = _combined(made, along_x[-1], "total", scratch, sum_so_far=total)
+                continue
+            made = _combined(made, along_x[-1], "part", scratch)
+            total = scratch.array("total", (made.shape[0], made.shape[1]), image.dtype)
+            values = np.ascontiguousarray(weights.values[number, :, rows])
+            add_weighted(total, made, (values, weights.node, weights.part), number > 0)
+        if total is not None:
+            cv2.transpose(total[: target.shape[1], : len(target)], target)
 
 
-def _put_strip(
-    terms: tuple[_Term, ...],
-    image: FloatImage,
-    target: FloatImage,
-    first_pair: int,
-    scratch: _Scratch,
-) -> None:
-    pairs = slice(first_pair, first_pair + (len(target) + 1) // 2)
-    total: FloatImage | None = None
-    for along_y, along_x in terms:
-        strip = _combined(image, along_y.pairs, "strip", scratch, pairs)
-        if not along_x:
-            target[:] = strip[: len(target)]
-            return
-        turned = _transposed(strip, "turned", scratch)
-        for number, matrix in enumerate(along_x[:-1]):
-            turned = _combined(turned, matrix.pairs, f"part {number}", scratch)[: matrix.rows]
-        # The sum is taken in the cache, before it is turned back.
-        total = _combined(turned, along_x[-1].pairs, "total", scratch, sum_so_far=total)
-    whole = cast("FloatImage", total)
-    cv2.transpose(whole[: target.shape[1], : len(target)], target)
-
-
-def _transposed(image: FloatImage, name: str, scratch: _Scratch) -> FloatImage:
-    into = scratch.array(name, (image.shape[1], image.shape[0]), image.dtype)
-    return cast("FloatImage", cv2.transpose(image, into))
+def _strip(
+    image: FloatImage, pairs: tuple[IntArray, IntArray, FloatImage], scratch: _Scratch
+) -> FloatImage:
+    """Pairs of rows times the image, in an array of whole vectors either way."""
+    shape = (
+        whole_vectors(2 * len(pairs[0]), image.dtype),
+        whole_vectors(image.shape[1], image.dtype),
+    )
+    strip = scratch.array("strip", shape, image.dtype)
+    room = scratch.array("packed", (len(image), PACKED_BYTES // image.itemsize), image.dtype)
+    combine_rows(image, pairs, strip, False, room)
+    return strip
 
 
 def _combined(
     image: FloatImage,
-    pairs: _RowPairs,
+    matrix: BandedMatrix,
     name: str,
     scratch: _Scratch,
-    which: slice = slice(None),
     *,
     sum_so_far: FloatImage | None = None,
 ) -> FloatImage:
-    """Rows of a matrix times an image, added to a sum if there is one."""
-    starts = pairs.starts[which]
-    weights = pairs.weights_as(image.dtype)[2 * (which.start or 0) :]
-    out = sum_so_far
+    """A matrix times an image of whole vectors, added to a sum if there is one."""
+    pairs, out = matrix.pairs.of(slice(None), image.dtype), sum_so_far
     if out is None:
-        out = scratch.array(name, (2 * len(starts), image.shape[1]), image.dtype)
-    _combine_rows(image, (starts, pairs.bands[which], weights), out, sum_so_far is not None)
+        out = scratch.array(name, (2 * len(pairs[0]), image.shape[1]), image.dtype)
+    combine_rows(image, pairs, out, sum_so_far is not None, np.empty((0, 0), image.dtype))
     return out
-
-
-# Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
-_FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
-
-
-@compiled_part(**_FREE_ORDER)
-def _add_six(
-    first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
-) -> None:
-    """Add the sums of six rows that start every ``stride`` elements, by two sets of weights."""
-    n = first.shape[0]
-    a0, a1, a2 = weights[0, 0], weights[0, 1], weights[0, 2]
-    a3, a4, a5 = weights[0, 3], weights[0, 4], weights[0, 5]
-    b0, b1, b2 = weights[1, 0], weights[1, 1], weights[1, 2]
-    b3, b4, b5 = weights[1, 3], weights[1, 4], weights[1, 5]
-    r0, r1, r2 = rows[:n], rows[stride:][:n], rows[2 * stride :][:n]
-    r3, r4, r5 = rows[3 * stride :][:n], rows[4 * stride :][:n], rows[5 * stride :][:n]
-    for j in range(n):
-        x0, x1, x2, x3, x4, x5 = r0[j], r1[j], r2[j], r3[j], r4[j], r5[j]
-        first[j] += ((a0 * x0 + a1 * x1) + (a2 * x2 + a3 * x3)) + (a4 * x4 + a5 * x5)
-        second[j] += ((b0 * x0 + b1 * x1) + (b2 * x2 + b3 * x3)) + (b4 * x4 + b5 * x5)
-
-
-@compiled_part(**_FREE_ORDER)
-def _begin_by_two(
-    first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
-) -> None:
-    """Write the sums of two rows, by two sets of weights."""
-    n = first.shape[0]
-    a0, a1, b0, b1 = weights[0, 0], weights[0, 1], weights[1, 0], weights[1, 1]
-    r0, r1 = rows[:n], rows[stride:][:n]
-    for j in range(n):
-        x0, x1 = r0[j], r1[j]
-        first[j] = a0 * x0 + a1 * x1
-        second[j] = b0 * x0 + b1 * x1
-
-
-@compiled_part(**_FREE_ORDER)
-def _add_two(
-    first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
-) -> None:
-    n = first.shape[0]
-    a0, a1, b0, b1 = weights[0, 0], weights[0, 1], weights[1, 0], weights[1, 1]
-    r0, r1 = rows[:n], rows[stride:][:n]
-    for j in range(n):
-        x0, x1 = r0[j], r1[j]
-        first[j] += a0 * x0 + a1 * x1
-        second[j] += b0 * x0 + b1 * x1
-
-
-@compiled_part(**_FREE_ORDER)
-def _add_one(first: FloatImage, second: FloatImage, row: FloatImage, weights: FloatImage) -> None:
-    n = first.shape[0]
-    a, b, r = weights[0, 0], weights[1, 0], row[:n]
-    for j in range(n):
-        first[j] += a * r[j]
-        second[j] += b * r[j]
-
-
-@compiled(**_FREE_ORDER)
-def _combine_rows(
-    image: FloatImage, pairs: tuple[IntArray, IntArray, FloatImage], out: FloatImage, adds: bool
-) -> None:
-    """Write, or add, pairs of combined rows of ``image`` to ``out``, of an even number of rows."""
-    starts, bands, weights = pairs
-    stride = image.shape[1]
-    pixels = image.reshape(-1)
-    for k in range(out.shape[0] // 2):
-        first, second, own = out[2 * k], out[2 * k + 1], weights[2 * k : 2 * k + 2]
-        rows = pixels[starts[k] * stride :]
-        t, band = 0, bands[k]
-        if not adds:
-            if band >= 2:
-                _begin_by_two(first, second, rows, stride, own)
-                t = 2
-            else:
-                first[:] = 0
-                second[:] = 0
-        while t + 6 <= band:
-            _add_six(first, second, rows[t * stride :], stride, own[:, t:])
-            t += 6
-        while t + 2 <= band:
-            _add_two(first, second, rows[t * stride :], stride, own[:, t:])
-            t += 2
-        if t < band:
-            _add_one(first, second, rows[t * stride :], own[:, t:])
 
 
 _KEYS_A = -0.5
@@ -409,7 +357,15 @@ def spline_sampling(positions_px: FloatArray, prefilter: FloatArray, size: int) 
 
 def mirrored_rows(starts: IntArray, weights: FloatArray, size: int) -> BandedMatrix:
     """Rows of weights ``(n, taps)`` from columns ``starts`` on, mirrored at the image's edges."""
-    return _from_taps(_mirrored(starts[:, None] + np.arange(weights.shape[1]), size), weights, size)
+    taps = weights.shape[1]
+    column = _mirrored(starts[:, None] + np.arange(taps), size)
+    first = np.clip(starts, 0, max(size - taps, 0))
+    place = column - first[:, None]
+    if taps > size or place.min() < 0 or place.max() >= taps:
+        return _from_taps(column, weights, size)
+    place += taps * np.arange(len(starts))[:, None]
+    folded = np.bincount(place.ravel(), weights.ravel(), weights.size)
+    return BandedMatrix(first, np.asarray(folded, np.float64).reshape(weights.shape), size)
 
 
 def _from_taps(column: IntArray, weights: FloatArray, size: int) -> BandedMatrix:

@@ -58,8 +58,8 @@ class VaryingFilter:
 
     def kernels(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
         """Kernels at a lattice of reference positions, row by row, shape ``(n, size, size)``."""
-        along_x = _interpolated(self.weights, self.cols_px, cols_px)
-        weights = _interpolated(along_x.swapaxes(1, 2), self.rows_px, rows_px).swapaxes(1, 2)
+        along_x = interpolated(self.weights, self.cols_px, cols_px)
+        weights = interpolated(along_x.swapaxes(1, 2), self.rows_px, rows_px).swapaxes(1, 2)
         terms = weights.reshape(len(weights), -1)
         kernels = np.einsum("tn,ti,tj->nij", terms, self.along_y, self.along_x, optimize=True)
         return np.asarray(kernels)
@@ -67,7 +67,7 @@ class VaryingFilter:
     def apply(self, window: FloatImage, origin: tuple[int, int]) -> FloatImage:
         """Filter a contiguous part of the reference; ``radius`` pixels on all sides are used up."""
         rows, cols = (size - 2 * self.radius for size in window.shape)
-        node, part = _cells(self.rows_px, origin[0] + np.arange(rows))
+        node, part = cells(self.rows_px, origin[0] + np.arange(rows))
         used = slice(int(node.min()), int(node.max()) + 2)
         is_odd = (self.along_y * self.along_y[:, ::-1]).sum(axis=1) < 0
         order = np.argsort(is_odd, kind="stable")
@@ -76,7 +76,7 @@ class VaryingFilter:
             a[order].astype(window.dtype)
             for a in (self.along_y, self.along_x, self.weights[:, used])
         )
-        values = _interpolated(weights, self.cols_px, origin[1] + np.arange(cols))
+        values = interpolated(weights, self.cols_px, origin[1] + np.arange(cols))
         out = np.empty((rows, cols), window.dtype)
         lines = values, node - used.start, part.astype(window.dtype)
         even = int(np.count_nonzero(~is_odd))
@@ -164,7 +164,7 @@ def _image_root(size: int) -> FloatArray:
     return np.asarray(cholesky(np.exp(-distance / _CORRELATION_PX) + _EVEN, lower=True))
 
 
-def _cells(nodes_px: FloatArray, at_px: IntArray | FloatArray) -> tuple[IntArray, FloatArray]:
+def cells(nodes_px: FloatArray, at_px: IntArray | FloatArray) -> tuple[IntArray, FloatArray]:
     """Node before each position, and the part of the way to the next; constant beyond the ends."""
     if len(nodes_px) == 1:
         return np.zeros(len(at_px), dtype=np.int64), np.zeros(len(at_px))
@@ -173,11 +173,11 @@ def _cells(nodes_px: FloatArray, at_px: IntArray | FloatArray) -> tuple[IntArray
     return node, np.clip(part, 0.0, 1.0)
 
 
-def _interpolated(
+def interpolated(
     weights: FloatImage, nodes_px: FloatArray, at_px: IntArray | FloatArray
 ) -> FloatImage:
     """Interpolate along the last axis, in the dtype of the weights."""
-    node, part = _cells(nodes_px, at_px)
+    node, part = cells(nodes_px, at_px)
     hats = np.zeros((len(nodes_px), len(at_px)), weights.dtype)
     index = np.arange(len(at_px))
     hats[node, index] = 1 - part

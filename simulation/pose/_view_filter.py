@@ -127,7 +127,7 @@ class _Request:
 
 
 @dataclass(frozen=True, slots=True)
-class _ViewRequest:
+class ViewRequest:
     """A view with what decides its filter, for the cache."""
 
     key: tuple[object, ...]
@@ -135,14 +135,15 @@ class _ViewRequest:
     noise_ratio: float
     view: PoseView = field(compare=False)
 
-
-def view_filter(view: PoseView, model: PoseModel, noise_ratio: float) -> VaryingFilter:
-    """Prefilter of a view, with model and noise as for ``prefilter``; refused if it is too wide."""
-    return _view_filter(_ViewRequest(view.key, model, noise_ratio, view))
+    @classmethod
+    def of(cls, view: PoseView, options: PoseOptions) -> "ViewRequest":
+        """Take what is decided by the options, too."""
+        return cls(view.key, options.model_of(view), options.noise_ratio, view)
 
 
 @lru_cache(maxsize=16)
-def _view_filter(request: _ViewRequest) -> VaryingFilter:
+def view_filter(request: ViewRequest) -> VaryingFilter:
+    """Prefilter of a view, with model and noise as for ``prefilter``; refused if it is too wide."""
     view, model, noise_ratio = request.view, request.model, request.noise_ratio
     seen = _Seen.of(view)
     poses = _poses(view, seen, _places(seen, 3))

@@ -15,8 +15,8 @@ elsewhere, and where the sharper of the two images is in doubt, every pixel is e
 compiler is told the instructions of the sum over six by six pixels, because it does not find them:
 a row of six pixels and its weights are read as one vector of eight, the last two weights being 0.
 That takes less than half the time of single multiplications. Along a warp that keeps the directions
-of rows and columns, as a plain zoom does, two banded matrices do the same in a quarter of the time.
-Measured by ``benchmarks/speed/pose.py``.
+of rows and columns, as a plain zoom does, banded matrices filter and sample at once, at the
+follow-up's pixels alone. Measured by ``benchmarks/speed/pose.py``.
 """
 
 from collections.abc import Callable, Iterator
@@ -37,13 +37,13 @@ from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage, IntAr
 from simulation.by_value import ByValue
 from simulation.compiled import compiled, compiled_part
 from simulation.notebook import Shown
+from simulation.pose._frontal import frontal_filter, keeps_axes, shown_px, sure_nearer
 from simulation.pose._prefilter import SAMPLING_KERNELS
 from simulation.pose._varying_filter import VaryingFilter
-from simulation.pose._view_filter import view_filter
+from simulation.pose._view_filter import ViewRequest, view_filter
 from simulation.pose._warp import BORDER_PX, NEARER_TOLERANCE_PX2, BlurredWarp, surveyed
 from simulation.pose.view import DEFAULT_OPTIONS, PoseOptions, PoseView
 from simulation.psf import Psf, PsfField
-from simulation.resampling import BandedMatrix, apply_separable
 from simulation.sampling_grid import reference_shape, refuse_non_finite
 
 if TYPE_CHECKING:
@@ -348,44 +348,6 @@ def _sample_row(
             out[j] = weighted_six_by_six(pixels, (corners[j], stride), down, table, part_x[j])
 
 
-def _keeps_axes(view: PoseView) -> bool:
-    """Whether a view's rows and columns are those of the reference, at other distances."""
-    matrix = view.matrix
-    others = matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1]
-    return bool(view.lens[0] == 0 and not any(others))
-
-
-def _render_aligned(
-    view: PoseView,
-    window: CoefficientWindow,
-    canvas: _Canvas,
-    first: tuple[int, int],
-    shape: tuple[int, int],
-) -> None:
-    """Write a tile as `simulation.pose.simulate._render` does, where the view `_keeps_axes`."""
-    _mark(view.warp, window.size, canvas, first, shape)
-    tile = tuple(slice(start, start + count) for start, count in zip(first, shape, strict=True))
-    inside = ~canvas.outside[tile]
-    # What is seen of the reference is a rectangle.
-    rows, cols = (first[axis] + np.flatnonzero(inside.any(axis=1 - axis)) for axis in (0, 1))
-    if len(rows) == 0:
-        return
-    (scale_x, _, shift_x), (_, scale_y, shift_y) = view.matrix[:2] / view.matrix[2, 2]
-    height, width = window.coefficients.shape
-    along_y = _sampling(scale_y * rows + shift_y - window.origin[0], window.table, height)
-    along_x = _sampling(scale_x * cols + shift_x - window.origin[1], window.table, width)
-    made = apply_separable(along_y, along_x, window.coefficients)
-    canvas.image[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] = made
-
-
-def _sampling(at_px: FloatImage, table: FloatImage, count: int) -> BandedMatrix:
-    """Matrix from ``count`` coefficients to the values at positions among them."""
-    before = np.floor(at_px)
-    powers = (at_px - before)[:, None] ** np.arange(len(table))
-    weights = np.asarray(powers @ table[:, :6], dtype=np.float64)
-    return BandedMatrix(before.astype(np.int64) - 2, weights, count)
-
-
 _TILE_PX = 1024
 """Side of the follow-up's tiles: at zoom 1.5 each needs 20 MB of memory in float32."""
 
@@ -469,41 +431,66 @@ def simulate_pose_of_image(
     view = PoseView.of(
         homography, reference_shape(image), size, psf, options.origin_px, options.distortion_k1
     )
-    height, width = view.follow_up
-    model = options.model_of(view)
-    filtered = view_filter(view, model, options.noise_ratio)
+    request = ViewRequest.of(view, options)
+    view_filter(request)
     refuse_non_finite(image)
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
-    planes = image[:, :, None] if image.ndim == 2 else image
-    result = np.zeros((planes.shape[2], height, width), dtype=dtype)
-    table = weight_table(np.array(SAMPLING_KERNELS[model].pieces)).astype(dtype)
-    nearer = np.zeros((height, width), dtype=np.bool_)
-    outside = np.ones((height, width), dtype=np.bool_)
-    is_aligned = _keeps_axes(view)
+    planes = np.moveaxis(image[:, :, None] if image.ndim == 2 else image, 2, 0)
+    result = np.zeros((len(planes), *view.follow_up), dtype=dtype)
+    put = _put_frontal if keeps_axes(view) else _put_tilted
+    nearer, outside = put(request, planes, result, options.threads)
+    if outside.all():
+        raise ValueError("the follow-up shows nothing of the reference")
+    pixels = result[0] if image.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, 0, -1))
+    return SimulatedPose(image=pixels, nearer=nearer, outside=outside)
+
+
+def _put_frontal(
+    request: ViewRequest, planes: AnyArray, result: FloatImage, threads: int
+) -> tuple[BoolArray, BoolArray]:
+    """Write planes of a view that `keeps_axes`; return its masks ``nearer`` and ``outside``."""
+    view = request.view
+    outside = np.ones(view.follow_up, dtype=np.bool_)
+    shown = tuple(shown_px(view, axis)[0] for axis in (1, 0))
+    outside[shown] = False
+    if outside.all():
+        return ~outside, outside
+    frontal = frontal_filter(request, result.dtype)
+    for plane, out in zip(planes, result, strict=True):
+        frontal.put(plane, out, threads)
+    nearer = sure_nearer(view)
+    if nearer is None:
+        nearer = np.empty_like(outside)
+        _mark(view.warp, view.reference, _Canvas(result[0], nearer, outside), (0, 0), outside.shape)
+    return nearer & ~outside, outside
+
+
+def _put_tilted(
+    request: ViewRequest, planes: AnyArray, result: FloatImage, threads: int
+) -> tuple[BoolArray, BoolArray]:
+    """Write planes of any view; return its masks ``nearer`` and ``outside``."""
+    view, filtered = request.view, view_filter(request)
+    nearer = np.zeros(view.follow_up, dtype=np.bool_)
+    outside = np.ones(view.follow_up, dtype=np.bool_)
+    pieces = np.array(SAMPLING_KERNELS[request.model].pieces)
+    table = weight_table(pieces).astype(result.dtype)
 
     def make(tile: tuple[slice, slice]) -> None:
         first, shape = (tile[0].start, tile[1].start), nearer[tile].shape
         seen = _seen(view, first, shape)
         if seen is None:
             return
-        for channel in range(planes.shape[2]):
-            window = coefficient_window(planes[:, :, channel], seen, filtered, table)
-            canvas = _Canvas(result[channel], nearer, outside)
-            if is_aligned:
-                _render_aligned(view, window, canvas, first, shape)
-            else:
-                _render(view.warp, window, canvas, first, shape)
+        for plane, out in zip(planes, result, strict=True):
+            window = coefficient_window(plane, seen, filtered, table)
+            _render(view.warp, window, _Canvas(out, nearer, outside), first, shape)
 
-    if options.threads == 1:
-        for tile in tiles(height, width):
+    if threads == 1:
+        for tile in tiles(*view.follow_up):
             make(tile)
     else:
-        with ThreadPoolExecutor(options.threads) as pool:
-            list(pool.map(make, tiles(height, width)))
-    if outside.all():
-        raise ValueError("the follow-up shows nothing of the reference")
-    pixels = result[0] if image.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, 0, -1))
-    return SimulatedPose(image=pixels, nearer=nearer, outside=outside)
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(make, tiles(*view.follow_up)))
+    return nearer, outside
 
 
 def tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:

@@ -9,6 +9,7 @@ from simulation.choices import GaussianForm
 from simulation.resampling import (
     BandedMatrix,
     BlurCovariance,
+    TermWeights,
     apply_separable,
     blur,
     gaussian_terms,
@@ -23,11 +24,17 @@ def random_banded(rng: np.random.Generator, rows: int, columns: int, band: int) 
     return BandedMatrix(starts, rng.normal(size=(rows, band)), columns)
 
 
-# Sizes below, at and above the strip of 64 rows and the groups of 8, bands of any length.
+# Sizes below, at and above the strip of 64 rows, the vectors of 16 or 8 columns, the three of them
+# that are summed at a time and the 192 columns that are copied at a time; bands of any length.
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize(
     ("shape", "out_shape", "bands"),
-    [((3, 5), (1, 2), (2, 3)), ((64, 65), (64, 8), (8, 16)), ((131, 90), (70, 131), (11, 24))],
+    [
+        ((3, 5), (1, 2), (2, 3)),
+        ((64, 65), (64, 8), (8, 16)),
+        ((131, 90), (70, 131), (11, 24)),
+        ((150, 451), (99, 208), (7, 33)),
+    ],
 )
 def test_the_compiled_kernel_equals_the_dense_product(
     dtype: type[np.floating], shape: tuple[int, int], out_shape: tuple[int, int],
@@ -73,6 +80,28 @@ def test_two_threads_give_the_same_bits() -> None:
     for threads, out in zip((1, 2), results, strict=True):
         put_separable(((along_y, (along_x,)),) * 2, image, out, threads=threads)
     np.testing.assert_array_equal(results[0], results[1])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_weighted_terms_equal_the_dense_products_times_their_weights(
+    dtype: type[np.floating],
+) -> None:
+    rng = np.random.default_rng(7)
+    rows, columns, terms = 90, 41, 3
+    along = [
+        (random_banded(rng, rows, 120, 9), random_banded(rng, columns, 70, 6)) for _ in range(terms)
+    ]
+    # Two columns' weights for all, the second once the whole way.
+    values, part = rng.normal(size=(terms, 2, rows)), np.linspace(0, 1, columns)
+    weights = TermWeights(
+        values.astype(dtype), np.zeros(columns, dtype=np.int64), part.astype(dtype)
+    )
+    image, out = rng.normal(size=(120, 70)).astype(dtype), np.empty((rows, columns), dtype)
+    put_separable(tuple((y, (x,)) for y, x in along), image, out, weights=weights)
+    shares = values[:, :1].swapaxes(1, 2) * (1 - part) + values[:, 1:].swapaxes(1, 2) * part
+    made = np.stack([y.dense() @ image @ x.dense().T for y, x in along])
+    expected = (shares * made).sum(axis=0)
+    np.testing.assert_allclose(out, expected, atol=40 * np.finfo(dtype).eps * abs(expected).max())
 
 
 def test_the_blur_mirrors_the_image_at_its_edge() -> None:
