@@ -590,9 +590,8 @@ def one_view(
     if found is None or (is_last_resort and not found.unlike < _ALIKE):
         return None
     apart_px, err_px = found.most_displaced
-    # Written so that NaN is no view.
-    stood_still = found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX
-    stood_still &= apart_px <= max(_MOST_PX, _SURELY * err_px)
+    most_px = max(_MOST_PX, _SURELY * err_px)  # NaN is no view
+    stood_still = found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX and apart_px <= most_px
     return _OneView(pose=pose, blur=found) if is_last_resort or stood_still else None
 
 

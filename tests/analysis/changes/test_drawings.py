@@ -1,4 +1,4 @@
-"""Drawings of two levels: scanned twice, on another grid of pixels, in files that lose something."""
+"""Drawings of two levels: scanned twice, on another grid of pixels, in files that lose some."""
 
 from io import BytesIO
 from pathlib import Path
