@@ -261,15 +261,20 @@ class _Matched:
             variance += self.pair.tone_variance_dn2
         if self.pair.place_err_px is not None:
             variance += self.terms.others[0] * self.pair.place_err_px**2
-        # Of two levels whole parts have no variance at all: they differ by nothing but rounding.
-        least_dn = np.float32(_ARITHMETIC) * np.abs(self.target[self.valid]).max(initial=0)
-        np.maximum(variance, np.square(least_dn), out=variance)
-        return variance
+        return self._at_least(variance)
 
     @property
     def noise_variance_dn2(self) -> Float32Array:
         """The part of it that is noise."""
-        return self.terms.variance(self.terms.noise_sizes(self.fit.sizes), self.floor_dn2)
+        return self._at_least(
+            self.terms.variance(self.terms.noise_sizes(self.fit.sizes), self.floor_dn2)
+        )
+
+    def _at_least(self, variance_dn2: Float32Array) -> Float32Array:
+        """Return it no less than arithmetic has: of two levels whole parts have no other."""
+        least_dn = np.float32(_ARITHMETIC) * np.abs(self.target[self.valid]).max(initial=0)
+        np.maximum(variance_dn2, np.square(least_dn), out=variance_dn2)
+        return variance_dn2
 
     @property
     def rounding_variance_dn2(self) -> Float32Array | None:

@@ -108,7 +108,7 @@ def make_benchmark(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> MadeBenchmark:
-    """Render the public benchmark's data set: photographs with exact truth, in four tracks.
+    """Render the public benchmark's data set: photographs with exact truth, in five tracks.
 
     A second call renders what is missing. ``docs/benchmark-data.md`` describes the files.
 

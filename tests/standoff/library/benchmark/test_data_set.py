@@ -23,7 +23,7 @@ LOCKED = {
     "opencv-contrib-python-headless": "5.0.0.93",
     "Pillow": "13.0.0",
 }
-TINY_SHA256 = "95be71f58b61b4f7c0fb266d114735c0c918a937abd7dd79e9cc26aed8163055"
+TINY_SHA256 = "2ce0b4d0c7c9a69e54c97b1aebf5205580192e9a0d968a109e72f5e9687e9347"
 """What version 1.0 made with these; GalSim judges the light, closed forms judge the levels."""
 
 PLAIN_PROCESSOR = {
