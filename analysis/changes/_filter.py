@@ -11,11 +11,11 @@ from analysis.changes._change_list import large_enough, list_changes
 from analysis.changes._comparison import Comparison, compare
 from analysis.changes._depth import ParallaxMap, with_depth
 from analysis.changes._document import Change, ChangeSummary
+from analysis.changes._ends import clipped_at_white, shows_page
 from analysis.changes._levels import LimitMaps, detection_levels, detection_limit
 from analysis.changes._photograph_pair import (
     ChangeOptions,
     CodedAlike,
-    clipped_at_white,
     nearest_shift,
     one_view,
     positions_of,
@@ -536,7 +536,10 @@ def _masks(
     found: tuple[BoolArray, BoolArray],
 ) -> ChangeMasks:
     before, after = (
-        clipped_at_white(np.asarray(image, dtype=np.float32), white)
+        # The white of a page is its paper.
+        np.zeros(image.shape[:2], dtype=np.bool_)
+        if shows_page(image)
+        else clipped_at_white(np.asarray(image, dtype=np.float32), white)
         for image, white in zip((reference, followup), options.white_level_dn, strict=True)
     )
     positions = positions_of(pose, pose.followup_shape, pose.reference_shape)

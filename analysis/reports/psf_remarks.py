@@ -35,9 +35,9 @@ def psf_remarks(calibration: PsfCalibration) -> list[str]:
     if _shows_no_target(calibration):
         said.append(
             f"only {len(used)} of the {len(calibration.edges)} edges found can be used: if this is "
-            "a photograph of a scene without an edge target, its edges may themselves be soft; photograph a "
-            "printed edge, or the scene from two distances (--method two-distance); --method "
-            "single-image estimates from one photograph, to some 20 %"
+            "a photograph of a scene without an edge target, its edges may themselves be soft; "
+            "photograph a printed edge, or the scene from two distances (--method two-distance); "
+            "--method single-image estimates from one photograph, to some 20 %"
         )
     missing = _what_is_missing(calibration) if used else None
     if missing is not None:

@@ -392,7 +392,7 @@ def _correlation(fit: VarianceFit, slope: FloatArray) -> Estimate:
 
 def _in_range(rho: Estimate) -> Estimate:
     """No correlation is beyond -1 and 1, whatever its error."""
-    if -1.0 <= rho.low and rho.high <= 1.0:
+    if rho.low >= -1.0 and rho.high <= 1.0:
         return rho
     return replace(rho, interval_95=(max(rho.low, -1.0), min(rho.high, 1.0)))
 
