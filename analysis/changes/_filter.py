@@ -496,6 +496,7 @@ class _Detected:
     ) -> ChangeSummary:
         """Return it in figures; what only the caller knows is left open."""
         limit = detection_limit(self.limits, options.spot_sigma_px, options.limit_contrast_dn)
+        limit = limit.model_copy(update={"full_scale_dn": options.white_level_dn[1]})
         if options.expected is not None:
             met = meet(options.expected, self.pose.zoom, compared, self.limits)
             limit = limit.model_copy(update={"predicted": met})

@@ -28,9 +28,10 @@ def page() -> Float32Array:
 @cache
 def to_page() -> Float32Array:
     """Return the matrix that takes the scan's pixels to the page's."""
-    turn = cv2.getRotationMatrix2D((260.0, 210.0), TURN_DEG, ZOOM)
-    turn[:, 2] += (60.0, 55.0)
-    return np.linalg.inv(np.vstack([turn, [0, 0, 1]])).astype(np.float32)
+    turn = np.asarray(cv2.getRotationMatrix2D((260.0, 210.0), TURN_DEG, ZOOM))
+    turn[:, 2] += np.array([60.0, 55.0])
+    turn = np.vstack([turn, [0, 0, 1]])
+    return np.linalg.inv(turn).astype(np.float32)
 
 
 @cache
@@ -39,13 +40,13 @@ def scan() -> Float32Array:
     seen = page().copy()
     seen[208:238, 86:140] = 255.0
     cv2.circle(seen, (int(SPECK_PX[0]), int(SPECK_PX[1])), 4, 90.0, -1, cv2.LINE_AA)
-    seen = cv2.GaussianBlur(20.0 + 0.85 * seen, (0, 0), 1.0)
+    soft = cv2.GaussianBlur(20.0 + 0.85 * seen, (0, 0), 1.0)
     size = (700, 620)
-    seen = cv2.warpPerspective(
-        seen, to_page(), size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderValue=228.0
+    scanned = cv2.warpPerspective(
+        soft, to_page(), size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderValue=228.0
     )
-    noise = np.random.default_rng(1).normal(0.0, 2.0, seen.shape)
-    return np.rint(np.clip(seen + noise, 0, 255)).astype(np.float32)
+    noise = np.random.default_rng(1).normal(0.0, 2.0, scanned.shape)
+    return np.asarray(np.rint(np.clip(scanned + noise, 0, 255)), dtype=np.float32)
 
 
 @cache
@@ -53,7 +54,7 @@ def compared() -> ChangeResult:
     return changes_between(page(), scan())
 
 
-def of_reference(found: ChangeResult, at: tuple[float, float]) -> list[str]:
+def of_reference(found: ChangeResult, at: tuple[float, float]) -> list[str | None]:
     """Return what happened to what is listed within 12 px of a place of the page."""
     return [
         change.what
