@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import cv2
 import numpy as np
-from scipy.special import chdtri, ndtr
 import tifffile
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, field_validator
+from scipy.special import chdtri, ndtr
 
 from acquisition.dataframe import dataframe
 from acquisition.files import Provenance, StoredModel
@@ -147,7 +147,7 @@ def _largest_by_chance(spread: float) -> float:
     if spread <= 0:
         return 1.0
     freedom = 2.0 / spread**2
-    return float(chdtri(freedom, ndtr(-_SIGMAS)) / freedom)
+    return float(chdtri(freedom, float(ndtr(-_SIGMAS))) / freedom)
 
 
 def correction_maps(
@@ -163,7 +163,8 @@ def correction_maps(
     A pixel is a defect if it differs from the median of its surroundings by six robust standard
     deviations of all pixels and by one frame's read noise in the dark or 5 % in its response, or if
     its temporal variance is three times that expected at its level and beyond what six standard
-    deviations are of a normal distribution: of few frames a variance has a long tail. ``variance_ratio`` is averaged over captures.
+    deviations are of a normal distribution: of few frames a variance has a long tail.
+    ``variance_ratio`` is averaged over captures.
     """
     defects = np.zeros(dark_dn.shape, dtype=np.uint8)
     defects[_stands_out(dark_dn, dark_noise_dn)] |= DARK_DEFECT
