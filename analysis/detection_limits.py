@@ -78,6 +78,8 @@ class DetectionLimit(StoredValues):
         Side of a follow-up pixel, if it is known, and where: on the scene or on the sensor.
     predicted
         The limit that was predicted, if it was and for this zoom.
+    full_scale_dn
+        Level at which the follow-up is clipped, if it is known: no change is larger.
     """
 
     power: float
@@ -88,6 +90,7 @@ class DetectionLimit(StoredValues):
     pixel_size_mm: float | None = None
     pixel_size_on: PixelPlane | None = None
     predicted: PredictedLimit | None = None
+    full_scale_dn: float | None = None
 
     @property
     def mapped(self) -> SpotLimit:
@@ -103,12 +106,25 @@ _WHERE = {"scene": "", "sensor": " on the sensor"}
 
 def spot_sentence(limit: DetectionLimit) -> str:
     """Say which spots of the mapped width would have been found, and where one asked about."""
-    spot = limit.mapped
-    sentence = (
-        f"a spot of {size_text(spot, limit)} and {level_text(spot.p95_dn)} DN "
-        f"{_of_change(limit)}would have "
-        f"been found ({100 * limit.power:.0f} %) in 95 % of the compared area"
-    )
+    spot, most_dn = limit.mapped, limit.full_scale_dn
+    size, found = size_text(spot, limit), f"would have been found ({100 * limit.power:.0f} %)"
+    change = _of_change(limit)
+    if most_dn is None or spot.p95_dn <= most_dn:
+        sentence = (
+            f"a spot of {size} and {level_text(spot.p95_dn)} DN {change}{found} in 95 % of the "
+            "compared area"
+        )
+    elif spot.median_dn <= most_dn:
+        sentence = (
+            f"a spot of {size} and {level_text(spot.median_dn)} DN {change}{found} in half of the "
+            f"compared area, and in more than 5 % of it none, however strong: levels end at "
+            f"{most_dn:g} DN"
+        )
+    else:
+        sentence = (
+            f"in more than half of the compared area no spot of {size} {change}{found}, however "
+            f"strong: levels end at {most_dn:g} DN"
+        )
     if limit.contrast_dn is not None and spot.reached_fraction is not None:
         sentence += (
             f", and one of {limit.contrast_dn:g} DN in {percent_text(spot.reached_fraction)} of it"

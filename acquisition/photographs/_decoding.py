@@ -83,12 +83,21 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
         ImageFile.LOAD_TRUNCATED_IMAGES = fills_what_is_missing
 
 
+_JOURNAL = "journal.jsonl"
+"""A folder with it is a capture session."""
+
+
 def read_file(path: Path, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
     """Read a regular file of at most ``most_bytes``."""
     shown = on_one_line(path)
     try:
         return read_regular_file(path, most_bytes)
     except OSError as error:
+        if path.is_dir() and (path / _JOURNAL).is_file():
+            raise ImageFileError(
+                f"{shown} is a capture session, not a photograph: give it as one (--session, or "
+                "standoff.Session in Python), or name photographs in it"
+            ) from error
         raise ImageFileError(f"cannot read {shown}: {error.strerror}") from error
     except ValueError as error:  # a name with a zero byte
         raise ImageFileError(f"cannot read {shown}: no name of a file") from error

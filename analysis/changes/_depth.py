@@ -8,6 +8,7 @@ import numpy as np
 
 from analysis.changes._comparison import Comparison, compare
 from analysis.changes._document import SceneHeights, SceneParallax
+from analysis.changes._ends import is_of_two_levels
 from analysis.changes._photograph_pair import ChangeOptions
 from analysis.errors import AnalysisError
 from calibration.parallax import (
@@ -216,6 +217,8 @@ def with_depth(
     ``photographs``: reference and follow-up, grey. ``pose, compared``: of the plane.
     """
     if options.flat or not _leaves_much(compared):
+        return None
+    if any(is_of_two_levels(photograph) for photograph in photographs):
         return None
     reference, followup = photographs
     found = find_parallax(reference, followup, pose)

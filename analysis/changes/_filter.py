@@ -11,11 +11,11 @@ from analysis.changes._change_list import large_enough, list_changes
 from analysis.changes._comparison import Comparison, compare
 from analysis.changes._depth import ParallaxMap, with_depth
 from analysis.changes._document import Change, ChangeSummary
+from analysis.changes._ends import clipped_at_white, is_of_two_levels
 from analysis.changes._levels import LimitMaps, detection_levels, detection_limit
 from analysis.changes._photograph_pair import (
     ChangeOptions,
     CodedAlike,
-    clipped_at_white,
     nearest_shift,
     one_view,
     positions_of,
@@ -510,6 +510,7 @@ class _Detected:
     ) -> ChangeSummary:
         """Return it in figures; what only the caller knows is left open."""
         limit = detection_limit(self.limits, options.spot_sigma_px, options.limit_contrast_dn)
+        limit = limit.model_copy(update={"full_scale_dn": options.white_level_dn[1]})
         if options.expected is not None:
             met = meet(options.expected, self.pose.zoom, compared, self.limits)
             limit = limit.model_copy(update={"predicted": met})
@@ -550,7 +551,10 @@ def _masks(
     found: tuple[BoolArray, BoolArray],
 ) -> ChangeMasks:
     before, after = (
-        clipped_at_white(np.asarray(image, dtype=np.float32), white)
+        # The white of a page is its paper.
+        np.zeros(image.shape[:2], dtype=np.bool_)
+        if is_of_two_levels(image)
+        else clipped_at_white(np.asarray(image, dtype=np.float32), white)
         for image, white in zip((reference, followup), options.white_level_dn, strict=True)
     )
     positions = positions_of(pose, pose.followup_shape, pose.reference_shape)

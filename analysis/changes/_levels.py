@@ -241,8 +241,13 @@ class DetectionLevel:
         """Bring a standard deviation there, beyond all measure where it does not count."""
         apart = max(every // self.step_px, 1) if every % self.step_px == 0 else 1
         part = np.s_[::apart, ::apart]
-        known = np.where(self.valid[part], sd_dn[part], np.float32(_NEVER_DN))
-        return self.on_grid(known, shape, max(every // apart, 1))
+        valid, every = self.valid[part], max(every // apart, 1)
+        known = self.on_grid(np.where(valid, sd_dn[part], np.float32(0)), shape, every)
+        if valid.all():
+            return known
+        # Apart from each other, as float32 holds no sum of both.
+        share = self.on_grid(valid.astype(np.float32), shape, every)
+        return np.asarray(known + (1 - share) * np.float32(_NEVER_DN))
 
     def on_grid(self, image: FloatImage, shape: tuple[int, ...], every: int = 1) -> Float32Array:
         """Bring an image of the level to every so many pixels of the comparison's grid."""

@@ -8,6 +8,13 @@ import cv2
 import numpy as np
 
 from analysis.changes._colour import PairColours
+from analysis.changes._ends import (
+    Ends,
+    clipped_at_black,
+    clipped_at_white,
+    is_of_two_levels,
+    mostly,
+)
 from analysis.changes.matching import (
     KERNEL_RADIUS_PX,
     PixelPositions,
@@ -23,7 +30,7 @@ from analysis.changes.matching import (
 )
 from analysis.choices import FALSE_ALARMS, SPOT_SIGMA_PX
 from calibration.registration import DistortedPose, RegistrationHints
-from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
+from simulation.arrays import AnyArray, BoolArray, Float32Array
 from simulation.capture_noise import CaptureNoise
 
 if TYPE_CHECKING:
@@ -99,110 +106,12 @@ class ChangeOptions(ChangeCriteria):
     limit_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
-_LEAST_CLIPPED_SHARE: Final = 1e-4
-"""Share of the frame at one end of the levels; fewer are noise, or a defect of a pixel or two."""
-
-_WHITE_DN: Final = 0.5
-_WHITE_RATIO: Final = 0.002
-"""Clipped levels may be this far below white; less where white is 1."""
-
-_LEVELS_BELOW: Final = 4
-_ABOVE_CHANCE: Final = 3.0
-"""A plateau holds more pixels than any of the four next levels, by this factor: levels thin out
-towards their end unless they are cut off there. Noise of 1.2 levels on a ramp into white piles up
-5 times as many."""
-
-
-_CLUSTER_PX: Final = 3
-"""Pixels of a 3 x 3 neighbourhood at an end of the file's levels: light that reached it. Two may be
-noise; fewer than a plateau's share of the frame, they still hold a false change of 12 px."""
-
-_FULL_SCALES: Final = (1.0, *(2.0**bits - 1 for bits in (8, 10, 12, 14, 16)))
-
-
-def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
-    """Mark pixels that are clipped, at either end.
-
-    ``image_dn``: shape ``(rows, cols)``. ``white_level_dn``: level at which the photograph is
-    clipped, if it is known; a plateau counts anyway.
-    """
-    return clipped_at_white(image_dn, white_level_dn) | _clipped_at_black(image_dn)
-
-
-def _clipped_at_black(image_dn: FloatImage) -> BoolArray:
-    """Mark pixels on a plateau at the lowest level, or at 0.
-
-    Of those whose light is missing no more than noise where they are single, only the ones amid
-    others.
-    """
-    lost: BoolArray = np.zeros(image_dn.shape, dtype=np.bool_)
-    if image_dn.min() == 0:
-        lost |= _clusters(np.asarray(image_dn == 0))
-    black = _plateau(-image_dn)
-    if black.any():
-        around = cv2.blur(black.astype(np.float32), (3, 3), borderType=cv2.BORDER_REFLECT_101)
-        lost |= black & (around > 0.5)
-    return lost
-
-
-def clipped_at_white(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
-    """Mark pixels at the white level, or on a plateau at the highest."""
-    lost = _plateau(image_dn)
-    highest = float(image_dn.max())
-    if highest in _FULL_SCALES:
-        lost |= _clusters(np.asarray(image_dn == highest))
-    if white_level_dn is not None:
-        below = min(_WHITE_DN, _WHITE_RATIO * abs(white_level_dn))
-        at_white = image_dn >= white_level_dn - below
-        if np.count_nonzero(at_white) > _LEAST_CLIPPED_SHARE * image_dn.size:
-            lost |= at_white
-    return lost
-
-
-def _clusters(at_end: BoolArray) -> BoolArray:
-    """Pixels of a mask that are next to others of it."""
-    if not at_end.any():
-        return at_end
-    count = cv2.boxFilter(
-        at_end.astype(np.uint8), cv2.CV_8U, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
-    )
-    return np.asarray(at_end & (count >= _CLUSTER_PX))
-
-
-def _plateau(image_dn: FloatImage) -> BoolArray:
-    """Pixels at exactly the highest level, if they are far too many for the end of a tail."""
-    highest = image_dn.max()
-    at_top: BoolArray = np.asarray(image_dn == highest)
-    count = np.count_nonzero(at_top)
-    if not _LEAST_CLIPPED_SHARE * image_dn.size < count < image_dn.size:
-        return np.zeros_like(at_top)
-    below = image_dn[~at_top]
-    for _ in range(_LEVELS_BELOW):
-        is_next = below == below.max()
-        if count < _ABOVE_CHANCE * np.count_nonzero(is_next):
-            return np.zeros_like(at_top)
-        below = below[~is_next]
-        if not below.size:
-            break
-    return at_top
-
-
 _COMMON_PSF_PX2 = 0.64
 """Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
-
-Ends = tuple[BoolArray, BoolArray]
-"""Pixels at black, and at white."""
 
 _BORDER_SD = 3.0
 _LEAST_SHARE, _LEAST_PIXELS = 0.2, 1000
 """Of the pixels within the border, between the ends of the scale, for models to be fitted there."""
-
-_LEAST_OF_A_LEVEL, _MOST_OF_TWO_LEVELS = 0.01, 0.9
-"""Share of the pixels at black and at white, each and both, from which on a picture counts as a
-drawing of these two levels."""
-
-_BLACK, _WHITE = 0.01, 0.93
-"""Up to and from where a level counts as one of them, over their range: sRGB codes 25 and 247."""
 
 _UNLIKE_OUTLINES = 0.02
 """Share of the pixels beside outlines that differ, from which on these were drawn anew."""
@@ -210,10 +119,6 @@ _UNLIKE_OUTLINES = 0.02
 _BETWEEN_LEVELS = np.float32(3.0)
 """Light half-way between two levels takes either by chance: a quarter of the squared step, where a
 twelfth is the mean over all light. Of a smooth surface whole places lie there."""
-
-_AROUND_PX, _MOSTLY = 2.0, 0.8
-"""Share of the pixels around one, by a Gaussian, from which on a channel is at an end of its scale
-there. Half of them are where noise about that end is cut off, and this is seen in both."""
 
 _CLIPPED_BY_CHANCE_SD = np.float32(4.0)
 """How far below its end a level of a bracket may have been clipped by the noise of one exposure."""
@@ -240,7 +145,8 @@ class PhotographPair:
     target_variance_dn2``: variance of their pixels, where it is known. ``source_steps_dn2,
     target_steps_dn2``: their variance by the steps of their files, where it is known. ``is_seen``:
     target's pixels of which both show the same, of scenes with depth; ``place_err_px``: how far
-    they may be from their places in the source, in the target's pixels.
+    they may be from their places in the source, in the target's pixels. ``pages``: whether source
+    and target are drawings of two levels beside a photograph: their ends are the scene.
     """
 
     is_on_followup: bool
@@ -260,6 +166,7 @@ class PhotographPair:
     target_steps_dn2: Float32Array | None = field(default=None, repr=False)
     is_seen: BoolArray | None = field(default=None, repr=False)
     place_err_px: Float32Array | None = field(default=None, repr=False)
+    pages: tuple[bool, bool] = (False, False)
 
     @classmethod
     def of(
@@ -280,7 +187,7 @@ class PhotographPair:
             images.append(levels)
             variances.append(known)
             usable.append(finite)
-            ends.append((_clipped_at_black(levels), clipped))
+            ends.append((clipped_at_black(levels), clipped))
         for own, left_out in zip(
             usable, (options.reference_left_out, options.left_out), strict=True
         ):
@@ -314,7 +221,9 @@ class PhotographPair:
             if of_target.parallax is None or of_target.parallax.photograph != "followup"
             else of_target.parallax.error_px,
         )
-        if not pair._is_of_two_levels or pair._has_like_outlines:
+        if not pair._is_of_two_levels:
+            return pair._with_the_ends_of_a_page()
+        if pair._has_like_outlines:
             return pair
         drawn = [_drawn_variance(image) for image in images]
         return replace(pair, is_drawn=True, source_steps_dn2=drawn[0], target_steps_dn2=drawn[1])
@@ -333,9 +242,7 @@ class PhotographPair:
             levels = np.asarray(image[..., number], dtype=np.float32)
             levels = np.where(np.isfinite(levels), levels, np.float32(0))
             images.append(levels)
-            ends.append(
-                (_mostly(_clipped_at_black(levels)), _mostly(clipped_at_white(levels, white)))
-            )
+            ends.append((mostly(clipped_at_black(levels)), mostly(clipped_at_white(levels, white))))
             step_dn2 = rounding_variance(levels) if known is None else known[..., number]
             steps.append(_drawn_variance(levels) if self.is_drawn else step_dn2)
         if not self.is_on_followup:
@@ -350,7 +257,7 @@ class PhotographPair:
             target_variance_dn2=None,
             source_steps_dn2=steps[0],
             target_steps_dn2=steps[1],
-        )
+        )._without_ends_of_pages()
 
     @property
     def guessed_blur_px2(self) -> float:
@@ -422,14 +329,24 @@ class PhotographPair:
 
     @property
     def _is_of_two_levels(self) -> bool:
-        """Whether both are drawings of black and white; a JPEG file has levels near these too."""
-        for image in (self.source, self.target):
-            low_dn, high_dn = float(image.min()), float(image.max())
-            at_dn = low_dn + np.array([_BLACK, _WHITE]) * (high_dn - low_dn)
-            shares = float(np.mean(image <= at_dn[0])), float(np.mean(image >= at_dn[1]))
-            if min(shares) < _LEAST_OF_A_LEVEL or sum(shares) < _MOST_OF_TWO_LEVELS:
-                return False
-        return True
+        """Whether both are drawings of black and white."""
+        return is_of_two_levels(self.source) and is_of_two_levels(self.target)
+
+    def _with_the_ends_of_a_page(self) -> "PhotographPair":
+        """Return the pair in which the ends of a drawing of two levels are what it shows.
+
+        A page beside its photograph or scan: paper is white and print black, and neither is cut
+        off, though all print is beside both ends.
+        """
+        pages = is_of_two_levels(self.source), is_of_two_levels(self.target)
+        return replace(self, pages=pages)._without_ends_of_pages()
+
+    def _without_ends_of_pages(self) -> "PhotographPair":
+        source, target = (
+            (np.zeros_like(ends[0]), np.zeros_like(ends[1])) if is_page else ends
+            for is_page, ends in zip(self.pages, (self.source_ends, self.target_ends), strict=True)
+        )
+        return replace(self, source_ends=source, target_ends=target)
 
     @property
     def _has_like_outlines(self) -> bool:
@@ -534,13 +451,6 @@ def _drawn_variance(image_dn: Float32Array) -> Float32Array:
     """Twelfth of the squared step that a drawing of two levels takes beside each pixel."""
     around = np.ones((3, 3), dtype=np.uint8)
     return np.asarray((cv2.dilate(image_dn, around) - cv2.erode(image_dn, around)) ** 2 / 12)
-
-
-def _mostly(mask: BoolArray) -> BoolArray:
-    """Pixels of a mask amid others of it."""
-    if not mask.any():
-        return mask
-    return np.asarray(mask & (smoothed(mask.astype(np.float32), _AROUND_PX) > _MOSTLY))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

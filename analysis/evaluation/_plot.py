@@ -27,7 +27,7 @@ def auc_figure(evaluation: "Evaluation", ax: Axes | None = None) -> Figure:
     """
     if ax is not None:
         _draw_aucs(ax, evaluation.curves)
-        ax.set(xlabel="zoom", ylabel="AUC", ylim=(0.45, 1.02))
+        ax.set(xlabel="zoom", ylabel="AUC", ylim=_span_of(evaluation.curves))
         ax.legend(fontsize=8, loc="lower left")
         return figure_of(ax)
     groups: dict[tuple[float, float], list[EvaluationCurve]] = {}
@@ -40,11 +40,16 @@ def auc_figure(evaluation: "Evaluation", ax: Axes | None = None) -> Figure:
         axes.set(
             title=f"noise {noise_dn:g} DN, contrast {contrast_dn:g}",
             xlabel="zoom",
-            ylim=(0.45, 1.02),
+            ylim=_span_of(evaluation.curves),
         )
     panels[0].set(ylabel="AUC")
     panels[-1].legend(fontsize=8, loc="lower left")
     return figure
+
+
+def _span_of(curves: "Sequence[EvaluationCurve]") -> tuple[float, float]:
+    """From a coin's AUC to 1, and as far below as the intervals reach."""
+    return min(0.45, *(low - 0.02 for curve in curves for low in curve.auc_low)), 1.02
 
 
 def _draw_aucs(axes: Axes, curves: "Sequence[EvaluationCurve]") -> None:

@@ -41,6 +41,7 @@ from ._page import (
     Report as Report,
     ReportSection as ReportSection,
     in_report_style as in_report_style,
+    moment_text as moment_text,
     new_figure as new_figure,
     png_bytes as png_bytes,
     svg_bytes as svg_bytes,

@@ -27,6 +27,7 @@ from analysis.reports._page import (
     Verdict,
     encodings_text,
     in_report_style,
+    moment_text,
     new_plot,
     number_text,
     present,
@@ -96,7 +97,7 @@ def _followups_section(followups: Sequence[ComparedFollowup], count: int) -> Rep
         shown,
         {
             "follow-up": lambda one: one.folder or one.followup,
-            "taken": lambda one: one.taken or "",
+            "taken": lambda one: moment_text(one.taken) if one.taken else "",
             "changes": lambda one: "" if one.zoom is None else str(one.changes),
             "changed px": lambda one: "" if one.zoom is None else str(one.changed_px),
             "zoom": lambda one: number_text(one.zoom, ".3f"),
@@ -133,14 +134,20 @@ def _time_line_section(line: ChangeTimeLine, reference_dn: AnyArray | None) -> R
         ),
         ReportFigure.of(
             _plot_time_line(line),
-            f"Amplitude of the {min(len(line.tracks), _TRACKS_DRAWN)} tracks seen most often, "
-            "with 95 % bars; triangles are limits where a track is not seen.",
+            f"Amplitude of {_tracks_drawn(len(line.tracks))}, with 95 % bars; triangles are limits "
+            "where a track is not seen.",
         ),
         ReportFigure.of(
             _plot_sightings(line),
             "Where each track was seen (orange), not seen (grey) or not compared (white).",
         ),
     )
+
+
+def _tracks_drawn(count: int) -> str:
+    if count == 1:
+        return "the track"
+    return f"the {min(count, _TRACKS_DRAWN)} tracks seen most often"
 
 
 def _tracks_table(line: ChangeTimeLine) -> ReportTable:

@@ -2,6 +2,7 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from analysis.reports._page import (
     Report,
@@ -239,8 +240,19 @@ def _plot_spectra(noise: NoiseMeasurement) -> Figure:
         )  # fmt: skip
         axes.axhline(factor * spectra.temporal, color=INK, linewidth=0.8, linestyle=":")
         axes.set(xlabel="frequency / (cy/px)", ylabel=label, xlim=(0, 0.5))
+        # Often less than a decade is shown, which powers of ten do not label.
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        low, high = axes.get_ylim()
+        middle, ratio = (low * high) ** 0.5, max((high / low) ** 0.5, _LEAST_SPECTRUM_RATIO)
+        axes.set_ylim(middle / ratio, middle * ratio)
     axes.legend()
     return figure
+
+
+_LEAST_SPECTRUM_RATIO = 3.0
+"""Of the end of a spectrum's axis to its middle: white noise is a level line."""
 
 
 def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:

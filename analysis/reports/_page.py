@@ -248,6 +248,13 @@ def present(*those: _T | None) -> tuple[_T, ...]:
     return tuple(one for one in those if one is not None)
 
 
+def moment_text(written: str) -> str:
+    """Return a time as people read it: of Exif in the camera's own time, of ours in UTC."""
+    day, _, time = written.replace(" ", "T").partition("T")
+    zone = " UTC" if time.endswith(("Z", "+00:00")) else ""
+    return f"{day.replace(':', '-')} {time[:5]}{zone}" if time else written
+
+
 def number_text(value: float | None, form: str, unknown: str = "", unit: str = "") -> str:
     """Return a number in a format, with its unit; ``unknown`` of none."""
     return unknown if value is None else f"{value:{form}}{unit}"

@@ -10,6 +10,7 @@ from analysis.reports._page import (
     ReportTable,
     Verdict,
     encodings_text,
+    moment_text,
     number_text,
     present,
 )
@@ -347,8 +348,8 @@ def _facts(psf: PsfCalibration) -> Iterable[tuple[str, str]]:
         if name in labels:
             yield name, labels[name]
     taken = psf.captured_utc or stated.get("taken")
-    yield "photographed", _UNSTATED if taken is None else _moment(str(taken))
-    yield "measured", _UNSTATED if psf.provenance is None else _moment(psf.provenance.created)
+    yield "photographed", _UNSTATED if taken is None else moment_text(str(taken))
+    yield "measured", _UNSTATED if psf.provenance is None else moment_text(psf.provenance.created)
     for key, label in _FACTS:
         yield label, _text(key, stated.get(key))
     yield "encoding", encodings_text(psf.provenance) or _UNSTATED
@@ -356,13 +357,6 @@ def _facts(psf: PsfCalibration) -> Iterable[tuple[str, str]]:
     yield "picture", _UNSTATED if width is None else f"{width} x {height} px"
     pitch = psf.pixel_pitch_um
     yield ("pixel pitch", "unknown" if pitch is None else f"{pitch:g} µm ({psf.pixel_pitch_from})")
-
-
-def _moment(written: str) -> str:
-    """A time as people read it: of Exif in the camera's own time, of ours in UTC."""
-    day, _, time = written.replace(" ", "T").partition("T")
-    zone = " UTC" if time.endswith(("Z", "+00:00")) else ""
-    return f"{day} {time[:5]}{zone}" if time else written
 
 
 def _text(key: str, value: str | float | None) -> str:

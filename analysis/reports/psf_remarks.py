@@ -14,6 +14,12 @@ _REMARKS = {
     "non_gaussian": "{n} of {total} edges do not fit a Gaussian PSF; sigma is an equivalent width",
 }
 
+_FEW_USED = 0.25
+"""Of a target most edges are used; of a scene few are clean, and they disagree."""
+
+_NO_TARGET = ("uneven", "too_noisy", "curved")
+"""Flags of a border in a scene."""
+
 _OVER_HEIGHTS = ("soft_target", "focus_drift", "focus_scatter")
 """Named causes of widths that differ between heights, which say more than the trend."""
 
@@ -26,6 +32,13 @@ def psf_remarks(calibration: PsfCalibration) -> list[str]:
         count = sum(flag in edge.flags for edge in used)
         if count:
             said.append(text.format(n=count, total=len(used)))
+    if _shows_no_target(calibration):
+        said.append(
+            f"only {len(used)} of the {len(calibration.edges)} edges found can be used: if this is "
+            "a photograph of a scene without an edge target, its edges may themselves be soft; "
+            "photograph a printed edge, or the scene from two distances (--method two-distance); "
+            "--method single-image estimates from one photograph, to some 20 %"
+        )
     missing = _what_is_missing(calibration) if used else None
     if missing is not None:
         said.append(missing)
@@ -39,6 +52,15 @@ def psf_remarks(calibration: PsfCalibration) -> list[str]:
             "or the target is too rough for the nearest height; calibrate at one height or refocus"
         )
     return said
+
+
+def _shows_no_target(calibration: PsfCalibration) -> bool:
+    """Whether most edges that were found look like those of a scene."""
+    used, edges = calibration.edges_used, calibration.edges
+    if not used or len(used) >= _FEW_USED * len(edges):
+        return False
+    of_scene = sum(any(flag in _NO_TARGET for flag in edge.flags) for edge in edges)
+    return of_scene > len(edges) / 2
 
 
 def _what_is_missing(calibration: PsfCalibration) -> str | None:

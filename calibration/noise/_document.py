@@ -13,6 +13,7 @@ import numpy as np
 import tifffile
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, field_validator
+from scipy.special import chdtri, ndtr
 
 from acquisition.dataframe import dataframe
 from acquisition.files import Provenance, StoredModel
@@ -138,6 +139,17 @@ class Nonuniformity:
         return self.response_parts.total
 
 
+def _largest_by_chance(spread: float) -> float:
+    """Ratio that a variance of this relative spread reaches as seldom as six standard deviations.
+
+    A variance of n degrees of freedom is distributed as chi squared, with a spread of sqrt(2 / n).
+    """
+    if spread <= 0:
+        return 1.0
+    freedom = 2.0 / spread**2
+    return float(chdtri(freedom, float(ndtr(-_SIGMAS))) / freedom)
+
+
 def correction_maps(
     dark_dn: FloatImage,
     response: FloatImage,
@@ -150,14 +162,15 @@ def correction_maps(
 
     A pixel is a defect if it differs from the median of its surroundings by six robust standard
     deviations of all pixels and by one frame's read noise in the dark or 5 % in its response, or if
-    its temporal variance is three times that expected at its level and six standard deviations of
-    that ratio above it. ``variance_ratio`` is averaged over captures.
+    its temporal variance is three times that expected at its level and beyond what six standard
+    deviations are of a normal distribution: of few frames a variance has a long tail.
+    ``variance_ratio`` is averaged over captures.
     """
     defects = np.zeros(dark_dn.shape, dtype=np.uint8)
     defects[_stands_out(dark_dn, dark_noise_dn)] |= DARK_DEFECT
     defects[_stands_out(response, _LEAST_RESPONSE) | (response <= 0)] |= RESPONSE_DEFECT
     spread = robust_sigma(variance_ratio - np.median(variance_ratio))
-    noisy = variance_ratio > max(_NOISE_RATIO, 1.0 + _SIGMAS * spread)
+    noisy = variance_ratio > max(_NOISE_RATIO, _largest_by_chance(spread))
     defects[noisy] |= NOISE_DEFECT
     return CorrectionMaps(
         dark_dn=dark_dn.astype(np.float32),

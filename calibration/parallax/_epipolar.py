@@ -284,9 +284,7 @@ def _hypotheses(own: FloatArray, other: FloatArray) -> list[FloatArray]:
     Werner, J. Matas, "Two-view geometry estimation unaffected by a dominant plane", CVPR 2005).
     """
     found = []
-    made = _as_fundamental(
-        cv2.findFundamentalMat(own, other, cv2.USAC_MAGSAC, _NEAR_PX, 0.9999, 5000)[0]
-    )
+    made = _fundamental(own, other, cv2.USAC_MAGSAC)
     if made is not None:
         found.append(made)
     told = _told(own, other)
@@ -296,8 +294,16 @@ def _hypotheses(own: FloatArray, other: FloatArray) -> list[FloatArray]:
     return found
 
 
-def _as_fundamental(made: object) -> FloatArray | None:
-    """What OpenCV found; it returns None, or several matrices, where matches do not suffice."""
+def _fundamental(own: FloatArray, other: FloatArray, method: int) -> FloatArray | None:
+    """What OpenCV finds, if anything.
+
+    It returns None or several matrices where matches do not suffice, and raises an error of its own
+    where a sample that it refines has no solution.
+    """
+    try:
+        made: object = cv2.findFundamentalMat(own, other, method, _NEAR_PX, 0.9999, 5000)[0]
+    except cv2.error:
+        return None
     if not isinstance(made, np.ndarray) or made.shape != (3, 3):
         return None
     return np.asarray(made, dtype=np.float64)
@@ -346,7 +352,7 @@ def _locally_best(
     for _ in range(_LOCAL_ROUNDS):
         if np.count_nonzero(near) < 8:
             break
-        refined = _as_fundamental(cv2.findFundamentalMat(own[near], other[near], cv2.FM_8POINT)[0])
+        refined = _fundamental(own[near], other[near], cv2.FM_8POINT)
         if refined is None:
             break
         again = _distances(refined, own, other) < _NEAR_PX

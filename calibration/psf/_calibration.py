@@ -65,8 +65,13 @@ def edge_records(session: Session) -> list[CaptureRecord]:
     """Return the captures from which a PSF can be measured."""
     records = [record for record in session.records if record.kind in EDGE_KINDS]
     if not records:
+        chart = next((record for record in session.records if record.kind == "chart"), None)
+        text = f"{session.path}: the session has no capture of kind edge or board; "
         raise NoEdgeError(
-            f"{session.path}: the session has no capture of kind edge or board; capture one"
+            f"{text}capture one"
+            if chart is None
+            else f"{text}if its charts show straight edges, give their captures as photographs: "
+            f"{session.path / chart.file}"
         )
     return records
 

@@ -211,7 +211,7 @@ def estimates_of_covariance(
     return PsfEstimates(
         sigma_x_px=Estimate(value=sqrt(xx), err=x_err),
         sigma_y_px=Estimate(value=sqrt(yy), err=y_err),
-        rho=Estimate(value=xy / sqrt(xx * yy), err=rho_err),
+        rho=_in_range(Estimate(value=xy / sqrt(xx * yy), err=rho_err)),
         covariance_px2=covariance_px2,
         estimate_covariance=joint,
     )
@@ -390,6 +390,13 @@ def _correlation(fit: VarianceFit, slope: FloatArray) -> Estimate:
     return _estimate(value, err, replicates)
 
 
+def _in_range(rho: Estimate) -> Estimate:
+    """No correlation is beyond -1 and 1, whatever its error."""
+    if rho.low >= -1.0 and rho.high <= 1.0:
+        return rho
+    return replace(rho, interval_95=(max(rho.low, -1.0), min(rho.high, 1.0)))
+
+
 def _determined_fully(
     design: FloatArray, sigma: FloatArray, err: FloatArray, shared: SharedByCapture | None
 ) -> CovarianceFit | None:
@@ -410,7 +417,7 @@ def _determined_fully(
     return CovarianceFit(
         sigma_x_px=x,
         sigma_y_px=y,
-        rho=rho,
+        rho=_in_range(rho),
         covariance_px2=np.array([[xx, xy], [xy, yy]]),
         estimate_covariance=joint,
         scatter_px=fit.scatter_px,

@@ -343,6 +343,7 @@ class _CaptureModel:
 
     def __init__(self, edges: EdgeSquares, group: IntArray, known: FloatArray) -> None:
         self.group, self.captures = group, int(group.max()) + 1
+        self._given = edges, known
         # What edges of one capture hardly tell apart, as where they are parallel to a degree, is an
         # unknown of its own: else its large error stands for a difference between captures.
         within = self._less_mean(edges.design, np.ones(group.size))
@@ -415,13 +416,14 @@ class _CaptureModel:
 
     def with_columns(self, columns: FloatArray) -> "_CaptureModel":
         """Return the model with more columns, as far as the edges and captures tell them."""
-        design = self.edges.design
-        wider = np.column_stack([design, columns])
-        tolerance = _TELLS * design.shape[0] ** 0.5
+        edges, known = self._given
+        wider = np.column_stack([self.edges.design, columns])
+        tolerance = _TELLS * wider.shape[0] ** 0.5
         if np.linalg.matrix_rank(wider, tol=tolerance) < wider.shape[1]:
             return self
-        known = np.concatenate([self.known, np.zeros(columns.shape[1])])
-        more = _CaptureModel(replace(self.edges, design=wider), self.group, known)
+        design = np.column_stack([edges.design, columns])
+        known = np.concatenate([known, np.zeros(columns.shape[1])])
+        more = _CaptureModel(replace(edges, design=design), self.group, known)
         return more if more.between > 0 else self
 
     def _between_squares(self, scatter2_px4: float) -> float:
@@ -476,7 +478,8 @@ class _CaptureModel:
         trust = np.where(ratio < 0.5, 1.0, np.where(ratio < 1, (1 - ratio**2) ** 2, 0.0))
         # An edge that the others contradict whatever its capture does not come back in.
         trust = np.where(first > 0, np.maximum(trust, _LEAST_TRUST), _LEAST_TRUST)
-        again = _CaptureModel(replace(self.edges, trust=trust), self.group, self.known)
+        edges, known = self._given
+        again = _CaptureModel(replace(edges, trust=trust), self.group, known)
         again.is_scattered = self.is_scattered and again.scatter2_px4 > 0
         return again
 

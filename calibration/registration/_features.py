@@ -243,26 +243,38 @@ def homography_pose(
     matches: FeatureMatches, inliers_min: int = _INLIERS_MIN
 ) -> tuple[FloatArray, BoolArray]:
     """Homography, shape (3, 3), from follow-up to reference, and its matches, if enough agree."""
-    found, mask = cv2.findHomography(
-        matches.followup_px, matches.reference_px, cv2.USAC_MAGSAC, _MATCH_TOLERANCE_PX
-    )
-    # If it finds nothing, OpenCV returns an empty matrix or None.
-    count = int(np.count_nonzero(mask)) if np.shape(found) == (3, 3) else 0
+    found, inlier = _magsac(matches)
+    count = int(np.count_nonzero(inlier))
     if count < inliers_min:
         raise RegistrationError(
             f"only {count} feature matches agree on a pose", reason="no_common_pose", count=count
         )
-    matrix: FloatArray = np.asarray(found, dtype=np.float64)
-    inlier: BoolArray = mask.ravel().astype(np.bool_)
-    depth = projection_depth(matrix, *matches.followup_px[inlier].T)
+    depth = projection_depth(found, *matches.followup_px[inlier].T)
     # Local area and orientation are det / depth^3. A scene seen from its front is not mirrored.
-    if not np.all(np.linalg.det(matrix) * depth > 0):
+    if not np.all(np.linalg.det(found) * depth > 0):
         raise RegistrationError(
             "the features agree only on a pose that is not possible for a camera (mirrored or "
             "beyond the horizon)",
             reason="inside_out",
         )
-    return matrix, inlier
+    return found, inlier
+
+
+def _magsac(matches: FeatureMatches) -> tuple[FloatArray, BoolArray]:
+    """What OpenCV finds, and its matches: none if it returns nothing.
+
+    It raises an error of its own where a sample that it refines has no solution.
+    """
+    none = np.zeros(len(matches.followup_px), dtype=np.bool_)
+    try:
+        found, mask = cv2.findHomography(
+            matches.followup_px, matches.reference_px, cv2.USAC_MAGSAC, _MATCH_TOLERANCE_PX
+        )
+    except cv2.error:
+        return np.eye(3), none
+    if np.shape(found) != (3, 3):
+        return np.eye(3), none
+    return np.asarray(found, dtype=np.float64), mask.ravel().astype(np.bool_)
 
 
 def _bytes(levels: Float32Array) -> NDArray[np.uint8]:

@@ -274,7 +274,7 @@ def _not_found(best: Candidate | None) -> RegistrationError:
     agreement = best.agreement
     return RegistrationError(
         f"no pose was found at which the photographs agree (best correlation "
-        f"{agreement.correlation:.2f}, {best.missing}); {_REMEDIES}",
+        f"{agreement.correlation:.2f}, {best.missing}): if they show the same thing, {_REMEDIES}",
         reason="low_correlation",
         correlation=agreement.correlation,
     )

@@ -139,10 +139,23 @@ def _show_curves(out: Path, files: list[str], found: DetectabilityCurves) -> Non
     )
     terminal.say(
         *_which_row(shown),
+        *_of_reference(found.reference_zoom),
         "d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it",
         *filter(None, (found.too_few_sentence, found.unknown_sentence)),
         f"wrote {url_of(out)} and {', '.join(files)}",
     )
+
+
+def _of_reference(reference_zoom: float | None) -> list[str]:
+    """What a zoom of 1 is: easily taken for the distance of the photographs."""
+    if reference_zoom is None:  # older files
+        return []
+    where = (
+        "that is, of the photographs"
+        if reference_zoom == 1
+        else f"which is from {reference_zoom:g} times as far as the photographs (--reference-zoom)"
+    )
+    return [f"zoom: the follow-up's distance over that of the reference, {where}"]
 
 
 _READS_AS = {

@@ -333,7 +333,7 @@ def _print_limits(found: PoseLimits, min_dprime: float, where: str) -> None:
     tilt = "none" if found.tilt_deg is None else f"up to {found.tilt_deg:.1f} degrees"
     terminal.say(
         f"{found.curve.name}; d' of at least {min_dprime:g}, at best:",
-        f"straight back: up to {found.zoom:.3f} times the distance{more}"
+        f"straight back: up to {found.zoom:.3f} times the reference's distance{more}"
         f"{_interval(found.zoom_interval_95, 3)}",
         f"tilt {where} at the same distance: {tilt}{_interval(found.tilt_interval_95_deg, 1)}",
     )

@@ -35,6 +35,7 @@ from analysis.reports import (
     compared_pictures,
     depth_figure,
     limit_figure,
+    moment_text,
     plot_changes,
     view_figures,
     write_figure,
@@ -174,7 +175,10 @@ class ComparedPhotographs(ChangeResult):
             view_figures(pictures, self.summary.changes, (cols, rows), self.summary.moved),
             limit_figure(self),
             tuple(
-                (f"{when}, taken", photograph.facts.taken or "not stated")
+                (
+                    f"{when}, taken",
+                    moment_text(photograph.facts.taken) if photograph.facts.taken else "not stated",
+                )
                 for when, photograph in (("before", self.reference), ("after", self.followup))
             ),
             depth_figure(self, None if self.depth is None else self.depth.height_mm),

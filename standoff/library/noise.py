@@ -283,6 +283,11 @@ class _Reading:
 
     def captures(self) -> NoiseCaptures:
         """All that was read, as the captures of a measurement."""
+        if any(group.exposure_us is None for group in self._groups.values()):
+            self._call.note(
+                "exposures are not stated by the files: no linearity, no dark current; state them "
+                "in the order of the levels (--dark-exposure-us, --flat-exposure-us)"
+            )
         found, stated = self._settings, self._call.inputs.options.white_level
         for what, values in (("ISO", found.isos), ("camera", found.cameras)):
             if len(values) > 1:

@@ -326,7 +326,10 @@ def _folder_of_pairs(references: Path, followups: tuple[Path, ...]) -> Path:
             "follow-ups; give that, or one photograph as the reference"
         )
     if followups[0].resolve() == references.resolve():
-        raise ApplicationError(f"{references} is given as both folders: give two different ones")
+        raise ApplicationError(
+            f"{references} is given as both folders: give two different ones, or, for a series of "
+            "photographs in one folder, the earliest of them and the folder"
+        )
     return references
 
 

@@ -224,3 +224,9 @@ def test_an_opacity_plane_is_no_light_and_odd_types_are_read_as_numbers(tmp_path
     tifffile.imwrite(tmp_path / "one.tif", grey[:, :, None], photometric="minisblack")
     np.testing.assert_array_equal(read_grey(tmp_path / "one.tif"), grey)
     assert not one_plane.is_colour
+
+
+def test_a_session_in_the_place_of_a_photograph_is_named(tmp_path: Path) -> None:
+    (tmp_path / "journal.jsonl").write_text("{}\n")
+    with pytest.raises(ImageFileError, match="is a capture session, not a photograph"):
+        read_photograph(tmp_path)

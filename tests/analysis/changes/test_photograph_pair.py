@@ -9,7 +9,8 @@ from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
 from analysis.changes import ChangeOptions, changes_between
-from analysis.changes._photograph_pair import clipped_at_white, nearest_shift, one_view, unusable
+from analysis.changes._ends import clipped_at_white, unusable
+from analysis.changes._photograph_pair import nearest_shift, one_view
 from analysis.errors import OverlapError
 from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import FloatArray

@@ -90,6 +90,23 @@ def test_a_sound_sensor_has_no_defects() -> None:
     assert not found.is_defect.any()
 
 
+def test_the_long_tail_of_few_frames_is_no_defect() -> None:
+    # Of 480 000 variances of 21 degrees of freedom, 2 are expected above three times the mean.
+    rng = np.random.default_rng(2)
+    shape = (600, 800)
+    ratio = rng.chisquare(21, shape) / 21
+    assert ratio.max() > 3.0
+    ratio[10, 20] = 6.0
+    found = correction_maps(
+        64.0 + rng.normal(0, 0.1, shape),
+        1 + rng.normal(0, 0.001, shape),
+        dark_noise_dn=2.4,
+        variance_ratio=ratio,
+        black_level_dn=64.0,
+    )
+    assert np.argwhere(found.defects).tolist() == [[10, 20]]
+
+
 def test_patterns_are_told_without_the_temporal_noise() -> None:
     rng = np.random.default_rng(8)
     noisy = maps(seed=4)

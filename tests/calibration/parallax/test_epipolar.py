@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import cos, radians, sin
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -282,3 +283,17 @@ def test_an_epipole_that_passes_infinity_turns_no_parallax_round(name: str) -> N
         # away at least, so that a side of 400 px is no more than that of them.
         lengths = np.abs(found.parallax_px)
         assert np.all(np.hypot(*(after - before)) <= 0.6 * lengths + 1e-9)
+
+
+def test_a_sample_that_opencv_cannot_solve_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def raising(*_: object) -> object:
+        raise cv2.error("!model.empty() in function 'setModelParameters'")
+
+    monkeypatch.setattr(cv2, "findFundamentalMat", raising)
+    rng = np.random.default_rng(129)
+    own = rng.uniform(0.0, 60.0, (8, 2))
+    there = FeatureMatches(own, own + rng.normal(0.0, 1.0, own.shape))
+    assert epipolar_geometry(there, pose_of(np.eye(3))) is None
+    # The plane and two matches beside it tell the geometry as well.
+    case = Case.of(CAMERAS["aside_and_turned"], on_plane=0.5)
+    assert line_error_px(known(case.found()), case.camera.epipole) < 0.02

@@ -5,7 +5,14 @@ import pytest
 
 from calibration.psf import fit_covariance
 from calibration.psf._covariance import CovarianceFit
-from calibration.psf._repeatability import FocusScatter, SharedByCapture, capture_of, without_blur
+from calibration.psf._repeatability import (
+    EdgeSquares,
+    FocusScatter,
+    SharedByCapture,
+    _CaptureModel,
+    capture_of,
+    without_blur,
+)
 from simulation.arrays import FloatArray, IntArray
 from tests.calibration.psf.measured_edges import edge
 
@@ -137,3 +144,40 @@ def test_the_scatter_between_captures_is_found() -> None:
     # A standard deviation of 60 values has an error of 9 %: three of those.
     assert focus.scatter_px2 == pytest.approx(0.1, rel=0.28)
     assert focus.scatter_err_px2 == pytest.approx(0.1 / np.sqrt(118), rel=0.35)
+
+
+def test_edges_of_two_directions_keep_their_degrees_of_freedom_when_weighed_again() -> None:
+    # Edges that lean by 5 degrees, and by some tenths more or less, hardly tell rho: that is an
+    # unknown of its own, and one only, however often the edges are weighed.
+    rng = np.random.default_rng(0)
+    angles = np.tile(np.repeat([5.0, 95.0], 20), 6) + rng.normal(0.0, 0.3, 240)
+    group = np.repeat(np.arange(6), 40).astype(np.int64)
+    normal = np.deg2rad(angles + 90.0)
+    design = np.column_stack([np.cos(normal) ** 2, np.sin(2 * normal), np.sin(normal) ** 2])
+    squares = design @ [XX, XY, YY] + rng.normal(0.0, 0.03, 6)[group]
+    edges = EdgeSquares(
+        design=design,
+        squares_px2=squares + rng.normal(0.0, 2 * np.sqrt(XX) * ERR_PX, 240),
+        err_px=np.full(240, ERR_PX),
+        spread_px=2 * np.sqrt(squares),
+        trust=np.ones(240),
+    )
+    model = _CaptureModel(edges, group, np.zeros(3))
+    model.is_scattered = True
+    again = model.with_trust(np.ones(240)).with_trust(np.ones(240))
+    assert again.edges.design.shape == model.edges.design.shape == (240, 4)
+    assert again.between == model.between == 4
+    assert np.isfinite(again.solved().values).all()
+
+
+def test_no_interval_of_rho_goes_beyond_1() -> None:
+    # Three edges that contradict one another: rho comes out near -1, and with a wide interval.
+    found = fit_covariance(
+        np.array([146.4, 57.7, 163.9]),
+        np.array([0.3652, 2.0358, 0.3340]),
+        np.array([0.028, 0.16, 0.018]),
+    )
+    assert found.rho is not None
+    assert found.rho.value == pytest.approx(-0.98, abs=0.01)
+    assert found.rho.low == -1.0
+    assert found.rho.high < -0.9

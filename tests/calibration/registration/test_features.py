@@ -96,3 +96,13 @@ def test_the_two_nearest_descriptors_are_those_that_opencv_finds(allowed: float)
         )
         assert np.isinf(found.distances[number, count:]).all()
         assert found.numbers[number, :count].tolist() == [one.trainIdx for one in matches]
+
+
+def test_a_sample_that_opencv_cannot_solve_is_no_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    def raising(*_: object) -> object:
+        raise cv2.error("!model.empty() in function 'setModelParameters'")
+
+    monkeypatch.setattr(cv2, "findHomography", raising)
+    with pytest.raises(RegistrationError) as refused:
+        homography_pose(FeatureMatches(followup_px=POINTS, reference_px=POINTS))
+    assert refused.value.reason == "no_common_pose"

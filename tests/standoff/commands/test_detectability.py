@@ -153,7 +153,7 @@ def test_limits_as_table_json_and_plot(command: Command, curves_file: Path, tmp_
     asked = ("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS)
     plot = tmp_path / "limits.svg"
     done = command.done(*asked, "--plot", plot, "--at-zoom", 1.5)
-    assert "straight back: up to 1.167 times the distance" in done.out
+    assert "straight back: up to 1.167 times the reference's distance" in done.out
     assert "contrasts from 18 DN are detectable" in done.out
     assert plot.read_bytes().startswith(b"<?xml")
     document = json.loads(command(*asked, "--json").out)
