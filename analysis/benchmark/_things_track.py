@@ -4,7 +4,7 @@ An entry belongs to the thing whose outline, where it was or where it is, is nea
 and no further away than ``REACH_PX``; any other entry is false.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +21,7 @@ from analysis.benchmark._data_set import (
 from analysis.benchmark._program_files import ProgramFiles
 from analysis.benchmark.scores import (
     ANSWERED,
+    Estimate,
     ScoreList,
     estimate,
     groups_of,
@@ -121,33 +122,39 @@ def _score_pairs(scores: ScoreList, group: str, pairs: Sequence[_JudgedThings]) 
     mirrored = [one for one in pairs if one.truth.mirrored]
     others = [one for one in pairs if not one.truth.mirrored]
     answered = [one for one in others if one.is_answered]
-    unchanged = [one for one in others if not one.truth.changed]
-    scenes = scene_numbers([one.truth.scene for one in others])
 
     def add_share(measure: str, of: Sequence[_JudgedThings], is_hit: list[bool]) -> None:
-        found = share(is_hit, scene_numbers([one.truth.scene for one in of]))
+        found = share(is_hit, _scenes(of))
         scores.add(group, measure, found, sum(one.is_answered for one in of), len(of))
 
     def add_ratio(measure: str, sums: list[tuple[int, int]]) -> None:
-        found = share_of_sums(np.array(sums, np.float64).reshape(-1, 2), scenes)
-        scores.add(group, measure, found, len(answered), len(others))
+        if sums:
+            found = share_of_sums(np.array(sums, np.float64), _scenes(others))
+            scores.add(group, measure, found, len(answered), len(others))
 
     add_share(ANSWERED, others, [one.is_answered for one in others])
-    if others:
-        add_ratio("things_found", [(one.found, one.entries.size) for one in others])
-        add_ratio("precision", [(one.found, one.found + one.false_entries) for one in others])
-        add_ratio("told_rightly", [(one.told_rightly, one.told) for one in others])
-    false = np.array([one.false_entries for one in answered], np.float64)
-    of_answered = scene_numbers([one.truth.scene for one in answered])
-    found = estimate(false, of_answered, np.mean)
-    scores.add(group, "false_entries", found, len(answered), len(others))
-    sums = np.array([(one.entries.sum(), one.found) for one in answered if one.found], np.float64)
-    with_things = scene_numbers([one.truth.scene for one in answered if one.found])
-    found = estimate(sums, with_things, _ratio)
-    scores.add(group, "entries_a_thing", found, len(answered), len(others))
+    add_ratio("things_found", [(one.found, one.entries.size) for one in others])
+    add_ratio("precision", [(one.found, one.found + one.false_entries) for one in others])
+    add_ratio("told_rightly", [(one.told_rightly, one.told) for one in others])
+    unchanged = [one for one in others if not one.truth.changed]
     silent = [one.is_answered and not one.false_entries for one in unchanged]
     add_share("unchanged_silent", unchanged, silent)
     add_share("mirrored_refused", mirrored, [not one.is_answered for one in mirrored])
+    for measure, found in _of_lists(answered):
+        scores.add(group, measure, found, len(answered), len(others))
+
+
+def _of_lists(answered: Sequence[_JudgedThings]) -> Iterator[tuple[str, Estimate | None]]:
+    """How many entries the lists have that are false, and how many for a thing that is found."""
+    false = np.array([one.false_entries for one in answered], np.float64)
+    yield "false_entries", estimate(false, _scenes(answered), np.mean)
+    finders = [one for one in answered if one.found]
+    sums = np.array([(one.entries.sum(), one.found) for one in finders], np.float64)
+    yield "entries_a_thing", estimate(sums, _scenes(finders), _ratio)
+
+
+def _scenes(pairs: Sequence[_JudgedThings]) -> IntArray:
+    return scene_numbers([one.truth.scene for one in pairs])
 
 
 def _ratio(sums: FloatArray) -> float:

@@ -119,6 +119,8 @@ def is_of_two_levels(image_dn: AnyArray) -> bool:
     levels = np.nan_to_num(np.asarray(image_dn, dtype=np.float32), posinf=0.0, neginf=0.0)
     low_dn, high_dn = float(levels.min()), float(levels.max())
     black_dn, white_dn = (low_dn + at * (high_dn - low_dn) for at in (_BLACK, _WHITE))
+    if not high_dn > low_dn:
+        return False
     shares = float(np.mean(levels <= black_dn)), float(np.mean(levels >= white_dn))
     return min(shares) >= _LEAST_OF_A_LEVEL and sum(shares) >= _MOST_OF_TWO_LEVELS
 
