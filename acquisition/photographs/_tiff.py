@@ -31,6 +31,7 @@ from acquisition.photographs._decoding import (
 )
 from acquisition.photographs._encoding import LINEAR, SRGB, Encoding, read_profile
 from acquisition.photographs._stored_image import FACT_TAGS, PhotographFacts, StoredImage, is_srgb
+from acquisition.photographs._unread import unread_kind
 from acquisition.session import CaptureRecord, parse_capture
 
 _MIN_IS_WHITE, _PALETTE, _YCBCR, _CFA, _LINEAR_RAW = 0, 3, 6, 32803, 34892
@@ -392,7 +393,10 @@ def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
             "black levels that differ within more than 2 x 2 pixels are not read; "
             "convert it to a linear TIFF"
         )
-    with decoding("camera raw file", rawpy.LibRawError), rawpy.imread(BytesIO(data)) as raw:
+    with (
+        decoding("camera raw file", rawpy.LibRawError),
+        _opened_raw(data, rawpy) as raw,
+    ):
         sizes = raw.sizes
         refuse_giant((sizes.raw_height, sizes.raw_width), 2, len(data))
         is_mosaic = raw.raw_type == rawpy.RawType.Flat
@@ -415,6 +419,26 @@ def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
         saturation_dn=white,
         pattern=pattern,
     )
+
+
+def _opened_raw(data: bytes, rawpy: Any) -> Any:  # noqa: ANN401 - rawpy has no types
+    """Open a raw file, or say why LibRaw does not take it."""
+    try:
+        return rawpy.imread(BytesIO(data))
+    except rawpy.LibRawFileUnsupportedError as error:
+        kind = unread_kind(data)
+        if kind is not None:
+            raise DecodingError(kind) from error
+        if is_tiff(data) or data.startswith(_SIGNATURES):
+            release = ".".join(map(str, rawpy.libraw_version))
+            raise DecodingError(
+                f"a raw file of a camera or a compression that LibRaw {release} does not know; "
+                "convert it to DNG"
+            ) from error
+        raise DecodingError(
+            "no camera raw file: it says neither its size nor its type, as when a program writes "
+            "the numbers alone; save a TIFF, or read it with numpy and give the array in Python"
+        ) from error
 
 
 def _raw_pattern(raw: Any) -> Pattern | None:  # noqa: ANN401 - rawpy has no types
