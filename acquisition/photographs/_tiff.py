@@ -43,6 +43,7 @@ _WITHOUT_A_SIZE = {1, 2, 3, 4, 5, 8, 32771, 32773, 32946, 34925, 50000}
 _ICC_TAG, _EXIF_TAG, _CFA_REPEAT_TAG, _CFA_PATTERN_TAG = 34675, 34665, 33421, 33422
 _BLACK_REPEAT_TAG, _SUB_DIRECTORIES_TAG = 50713, 330
 _SMALL_PX = 1 << 16
+_ZERO_OF_SIGNED = -32768
 _REDUCED_OR_MASK = 1 | 4
 _OPACITY = {1, 2}
 """Of a further sample, with the colours multiplied by it or not: TIFF 6.0, section 18."""
@@ -73,7 +74,7 @@ def read_tiff_image(data: bytes) -> StoredImage:
         unmarked=(LINEAR, "TIFF"),
         facts=PhotographFacts.of_tags(tags, first.imagewidth),
         is_jpeg=int(first.compression) in _JPEG,
-        white_dn=_white_dn(first),
+        white_dn=None if stack.is_signed else _white_dn(first),
         pattern=_pattern(first),
         has_opacity=bool(_OPACITY.intersection(map(int, first.extrasamples))),
     )
@@ -147,6 +148,7 @@ class _Stack:
     data: bytes
     pages: tuple[tifffile.TiffPage, ...]
     frames: int | None
+    is_signed: bool
 
     @property
     def first(self) -> tifffile.TiffPage:
@@ -172,6 +174,8 @@ class _Stack:
                 pixels = page.asarray()
             if pixels.shape != page.shape:
                 raise DecodingError(f"cut short: {pixels.shape} of {page.shape} pixels")
+            if self.is_signed and pixels.dtype.kind == "u" and pixels.dtype.itemsize == 2:
+                return (pixels.astype(np.int32) + _ZERO_OF_SIGNED).astype(np.int16)
             return _as_shown(pixels, page)
 
 
@@ -192,7 +196,16 @@ def _stack(tiff: tifffile.TiffFile, data: bytes) -> _Stack:
         # ImageJ writes one directory for a stack of more than 4 GB, and some programs always.
         found = math.prod(tiff.series[0].shape) // pages[0].size
         frames = found if found > 1 and pages[0].is_contiguous else None
-    return _Stack(data=data, pages=tuple(pages), frames=frames)
+    return _Stack(data=data, pages=tuple(pages), frames=frames, is_signed=_is_signed(tiff))
+
+
+def _is_signed(tiff: tifffile.TiffFile) -> bool:
+    """Whether ImageJ moved signed levels up by 32768, as it says in its calibration."""
+    known = tiff.imagej_metadata or {}
+    try:
+        return float(known.get("c0", 0)) == _ZERO_OF_SIGNED and float(known.get("c1", 0)) == 1
+    except (TypeError, ValueError):
+        return False
 
 
 def _full_size(pages: Iterable[tifffile.TiffPage | tifffile.TiffFrame]) -> list[tifffile.TiffPage]:

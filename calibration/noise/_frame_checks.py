@@ -1,4 +1,4 @@
-"""What frames that another program saved are asked: is each a picture of its own, and unprocessed?
+"""Whether frames that another program saved are pictures of their own, and unprocessed.
 
 The variance from frame to frame tells electrons per DN only where each pixel has a noise of its
 own. Interpolating, scaling and smoothing make a pixel's noise smaller and hand it on to its

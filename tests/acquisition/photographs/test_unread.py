@@ -38,7 +38,7 @@ def test_a_file_is_called_what_it_is(name: str, tmp_path: Path) -> None:
     """Of a 12-bit or lossless JPEG it was said that JPEG is expected."""
     data, said = FILES[name]
     with pytest.raises(ImageFileError) as refused:
-        read(tmp_path, data, name="photo.jpg")
+        read(tmp_path, bytes(data), name="photo.jpg")
     text = str(refused.value)
     assert said in text
     assert text.isprintable()
