@@ -20,6 +20,7 @@ from acquisition.photographs._encoding import (
     on_screen,
     white_level_dn,
 )
+from acquisition.photographs._mosaic import UNNAMED_MOSAIC, seems_mosaic
 from acquisition.photographs._stored_image import (
     FROM_CHROMA,
     JpegCoding,
@@ -99,7 +100,10 @@ class PhotographHead(ByValue):
                 f"{self.name}: viewers show it {self.facts.turn}; rows and columns here are those "
                 "of the file"
             )
-        return said
+        return said | self._further_remarks()
+
+    def _further_remarks(self) -> dict[str, str]:
+        return {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,6 +159,16 @@ class Photograph(PhotographHead):
     frames: int = 1
     has_modelled_variance: bool = False
     masked: BoolArray | None = field(default=None, repr=False)
+
+    def _further_remarks(self) -> dict[str, str]:
+        is_unnamed = self.pattern is None and self.stored.ndim == 2 and not self.is_jpeg
+        if not is_unnamed or not seems_mosaic(self.stored):
+            return {}
+        return {
+            UNNAMED_MOSAIC: f"{self.name}: its levels alternate from pixel to pixel like those of "
+            "a colour camera's raw mosaic; if it is one, --bayer of standoff calibrate measures "
+            "it, and for anything else develop it"
+        }
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.colour_planes, dtype=dtype, copy=copy)

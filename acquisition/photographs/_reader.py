@@ -495,6 +495,10 @@ class Inputs:
             encoding=self._encodings[0] if len(self._encodings) == 1 else tuple(self._encodings),
         )
 
+    def leave_unsaid(self, kind: str) -> None:
+        """Make no remark of a kind: the caller has been told already."""
+        self._announced.add(kind)
+
     def _add_head(self, head: PhotographHead) -> None:
         if head.sha256 is not None:
             self._list(head.path, head.sha256, head.encoding.name)
