@@ -26,7 +26,10 @@ def mosaic(light: NDArray[np.float64], pattern: str, **gains: float) -> NDArray[
     taken = {"R": 0.6, "G": 1.0, "B": 0.75} | gains
     cells = np.array([taken[colour] for colour in pattern]).reshape(2, 2)
     rows, cols = light.shape
-    return np.rint(light * np.tile(cells, (rows // 2, cols // 2))).astype(np.uint16)
+    levels: NDArray[np.uint16] = np.rint(light * np.tile(cells, (rows // 2, cols // 2))).astype(
+        np.uint16
+    )
+    return levels
 
 
 @pytest.mark.parametrize("pattern", ["RGGB", "GRBG", "GBRG", "BGGR"])
