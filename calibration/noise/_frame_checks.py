@@ -36,7 +36,7 @@ class NeighbourCorrelation:
 
         What rows and columns have in common is taken out: their noise is the electronics'.
         """
-        change = second.astype(np.float64) - first
+        change = second.astype(np.float32) - first.astype(np.float32)
         rows, cols = change.shape
         change -= change.mean(axis=1, keepdims=True)
         change -= change.mean(axis=0, keepdims=True)

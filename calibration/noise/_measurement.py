@@ -230,6 +230,7 @@ class FrameGroup:
             self._begin(frame)
         if self.frames == FEWEST_FRAMES:
             self.correlation = NeighbourCorrelation.of(self._first, frame)
+            self._first = np.zeros(0)
         np.maximum(self._largest, frame, out=self._largest)
         if self._sums is not None:
             self._sums.add(frame)
@@ -252,7 +253,6 @@ class FrameGroup:
             variance = self._squares / (self.frames - 1)
             self._statistics = (self._mean.astype(np.float32), variance.astype(np.float32))
         self._sums, self._mean, self._squares = None, np.zeros(0), np.zeros(0)
-        self._first = np.zeros(0)
         self._names.refuse_repeats(self.name, self.kind, self._statistics[1])
 
     def statistics(self) -> tuple[FloatImage, FloatImage]:
