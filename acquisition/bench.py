@@ -110,6 +110,10 @@ class StageConfig(WrittenTable):
     driver: Literal["grbl", "zaber", "manual", "simulated"]
     port: str | None = Field(None, description="serial port, preferably under /dev/serial/by-id")
     baud_rate: int = Field(115200, gt=0)
+    release_dtr: bool = Field(
+        False,
+        description="whether to let go of DTR and RTS, for boards that these lines keep in reset",
+    )
     limits_mm: tuple[float, float]
     feed_mm_per_min: Positive = 300.0
     settle_s: NonNegative = 0.5

@@ -189,7 +189,7 @@ def _saturation(images: CaptureImages) -> QualityFinding | None:
         return None
     return QualityFinding(
         problem="saturated",
-        text=f"{images.record.saturated_pixels} pixels ({100 * fraction:.2g} %) are saturated; "
+        text=f"{images.record.saturated_pixels} pixels ({100 * fraction:.3g} %) are saturated; "
         "shorten the exposure, or remove the gloss",
         asks_retake=fraction >= _SATURATED_FRACTION_RETAKE,
     )

@@ -8,6 +8,7 @@ from ._encoding import (
     on_screen as on_screen,
     white_level_dn as white_level_dn,
 )
+from ._mosaic import UNNAMED_MOSAIC as UNNAMED_MOSAIC
 from ._photograph import (
     BenchCapture as BenchCapture,
     FileSteps as FileSteps,

@@ -76,7 +76,7 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
     except DecodingError:
         raise
     except _DAMAGE + damage as error:
-        said = "" if isinstance(error, _OF_CODE) else str(error)
+        said = "" if isinstance(error, _OF_CODE) else _words(error)
         cause = f": {said.splitlines()[0][:120]}" if said else ""
         raise DecodingError(f"not a complete {kind}{cause}") from error
     finally:
@@ -85,6 +85,12 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
 
 _JOURNAL = "journal.jsonl"
 """A folder with it is a capture session."""
+
+
+def _words(error: Exception) -> str:
+    """What an error says; LibRaw's speak in bytes."""
+    first = error.args[0] if error.args else ""
+    return first.decode("ascii", "replace") if isinstance(first, bytes) else str(error)
 
 
 def read_file(path: Path, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:

@@ -20,6 +20,7 @@ from acquisition.photographs._encoding import (
     on_screen,
     white_level_dn,
 )
+from acquisition.photographs._mosaic import UNNAMED_MOSAIC, seems_mosaic
 from acquisition.photographs._stored_image import (
     FROM_CHROMA,
     JpegCoding,
@@ -48,6 +49,7 @@ _SOLID = 0.4
 _ABOVE_ALL = 1.02
 """Beyond what counts as nearly saturated."""
 _BRIGHTEST = 99.9  # percentile shown as white, so that a single hot pixel does not darken all
+_LOST_AROUND_PX, _HALVED_PX = 1.5, np.float32(4.0)
 _USUAL_SAMPLING = (True, True)
 """Whether JPEG's chroma has half the rows and half the columns, where a file does not tell."""
 
@@ -99,7 +101,10 @@ class PhotographHead(ByValue):
                 f"{self.name}: viewers show it {self.facts.turn}; rows and columns here are those "
                 "of the file"
             )
-        return said
+        return said | self._further_remarks()
+
+    def _further_remarks(self) -> dict[str, str]:
+        return {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,6 +160,16 @@ class Photograph(PhotographHead):
     frames: int = 1
     has_modelled_variance: bool = False
     masked: BoolArray | None = field(default=None, repr=False)
+
+    def _further_remarks(self) -> dict[str, str]:
+        is_unnamed = self.pattern is None and self.stored.ndim == 2 and not self.is_jpeg
+        if not is_unnamed or not seems_mosaic(self.stored):
+            return {}
+        return {
+            UNNAMED_MOSAIC: f"{self.name}: its levels alternate from pixel to pixel like those of "
+            "a colour camera's raw mosaic; if it is one, --bayer of standoff calibrate measures "
+            "it, and for anything else develop it"
+        }
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.colour_planes, dtype=dtype, copy=copy)
@@ -354,6 +369,47 @@ class Photograph(PhotographHead):
         luma = coded_variance(self.luma_steps) + 1 / 12
         # Errors of luma, blue and red chroma, as the channels are made of them.
         return np.asarray(luma + np.square(FROM_CHROMA).sum(axis=1) * self._coded_chroma)
+
+    @property
+    def has_halved_chroma(self) -> bool:
+        """Whether colours have half the rows or half the columns of the luma, as in most JPEGs."""
+        if not self.is_jpeg or not self.is_colour:
+            return False
+        return any(_USUAL_SAMPLING if self.jpeg_coding is None else self.jpeg_coding.halved)
+
+    def with_colours_halved_as(self, other: "Photograph") -> "Photograph":
+        """The photograph with as few pixels for its colours as the JPEG ``other`` has.
+
+        Itself, where it has no more of them, or levels that no JPEG has.
+        """
+        coding = other.jpeg_coding
+        is_codable = self.is_colour and self.stored.dtype == np.uint8
+        if (
+            coding is None
+            or not other.has_halved_chroma
+            or self.has_halved_chroma
+            or not is_codable
+        ):
+            return self
+        stored = coding.finest.of_levels(self.stored)
+        return replace(self, stored=stored, is_jpeg=True, jpeg_coding=coding.finest)
+
+    @property
+    def halved_colours_variance_dn2(self) -> Float32Array | None:
+        """Variance of each channel by the pixels that its colours lack, ``(rows, cols, 3)``.
+
+        It is what halving does that begins a pixel further. The errors are those of squares of two
+        by two pixels, so that behind a filter four of them count as one. None without halving.
+        """
+        coding = self.jpeg_coding
+        if coding is None or not self.has_halved_chroma or self.stored.dtype != np.uint8:
+            return None
+        beside = np.pad(self.stored, ((1, 1), (1, 1), (0, 0)), mode="edge")
+        again = coding.finest.of_levels(beside)[1:-1, 1:-1]
+        lost: FloatArray = self.encoding.decode(again, self.white_dn)
+        lost = lost - self.encoding.decode(self.stored, self.white_dn)
+        around = cv2.GaussianBlur(np.square(lost, dtype=np.float32), (0, 0), _LOST_AROUND_PX)
+        return np.asarray(_HALVED_PX * around)
 
     @property
     def _coded_chroma(self) -> float:

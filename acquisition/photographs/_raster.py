@@ -8,6 +8,7 @@ read where their library is installed.
 import re
 import struct
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 from PIL.JpegImagePlugin import JpegImageFile
 
+from acquisition.choices import PATTERNS, Pattern
 from acquisition.errors import ImageFileError
 from acquisition.photographs._decoding import (
     TOO_LARGE,
@@ -38,6 +40,7 @@ from acquisition.photographs._stored_image import (
     StoredImage,
     is_srgb,
 )
+from acquisition.photographs._unread import unread_kind
 from acquisition.session import write_shared
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
@@ -286,13 +289,7 @@ def _png_depth(data: bytes) -> int | None:
 
 def _unknown(data: bytes) -> str:
     """What a file is that none of the readers reads."""
-    if not data:
-        return "an empty file"
-    if data[4:8] == b"ftyp" and data[8:12] in (b"heic", b"heix", b"mif1", b"msf1", b"hevc"):
-        return "a HEIC photograph, which is not read; save it as JPEG or TIFF"
-    if data[:4] in (b"%!PS", b"%PDF", b"\xc5\xd0\xd3\xc6"):
-        return "a PostScript or PDF document, not a photograph"
-    return "not an image (TIFF, PNG, JPEG, camera raw, EXR or FITS expected)"
+    return unread_kind(data) or "not an image (TIFF, PNG, JPEG, camera raw, EXR or FITS expected)"
 
 
 _EXR = b"\x76\x2f\x31\x01"
@@ -302,6 +299,8 @@ _COLOURS = ("R", "G", "B")
 _GREY = "Y"
 _CAMERA, _EXPOSURES = "INSTRUME", ("EXPTIME", "EXPOSURE")
 """Instrument, and exposure in s, as FITS programs write them."""
+_BAYER, _BAYER_OFFSETS = ("BAYERPAT", "COLORTYP"), ("XBAYROFF", "YBAYROFF")
+_NO_PATTERN = ("NONE", "MONO", "RGB", "FALSE")
 _ROW_ORDER = "ROWORDER"
 """By which some programs say that the first row is the upper one; FITS 4.0 fixes no order, and the
 usual viewers show the first row at the bottom."""
@@ -330,9 +329,29 @@ def read_exr_image(data: bytes) -> StoredImage:
                 shape = (int(bottom - top) + 1, int(right - left) + 1, len(part.header["channels"]))
                 refuse_giant(shape, 4, len(data))
         with OpenEXR.File(BytesIO(data), separate_channels=True) as file:
-            planes = {name: np.array(each.pixels) for name, each in file.channels().items()}
+            part, other_parts = _only_part(
+                [(each.name(), set(each.channels)) for each in file.parts]
+            )
+            planes = {name: np.array(each.pixels) for name, each in file.channels(part).items()}
         pixels, others = _colours_or_grey(planes)
+    others = " and ".join(each for each in (others, other_parts) if each)
     return replace(_linear(pixels[np.newaxis], "OpenEXR"), left_out=others)
+
+
+def _only_part(parts: Sequence[tuple[str, set[str]]]) -> tuple[int, str]:
+    """The part of a file that is a picture, by its number, and the others in words."""
+    if len(parts) == 1:
+        return 0, ""
+    pictures = [n for n, (_, held) in enumerate(parts) if held >= {*_COLOURS} or _GREY in held]
+    if len(pictures) != 1:
+        names = ", ".join(name or str(number) for number, (name, _) in enumerate(parts))
+        held = f"{len(pictures)} of its {len(parts)} parts" if pictures else "none of its parts"
+        raise DecodingError(
+            f"{held} ({names}) {'is' if len(pictures) == 0 else 'are'} RGB or grey; "
+            "save the picture that is meant by itself"
+        )
+    others = [name or str(n) for n, (name, _) in enumerate(parts) if n != pictures[0]]
+    return pictures[0], f"what its parts {', '.join(others)} hold"
 
 
 def _colours_or_grey(planes: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], str]:
@@ -362,12 +381,30 @@ def read_fits_image(data: bytes) -> StoredImage:
         found = _only_image(units)
         is_shown_upright = str(found.header.get(_ROW_ORDER, "")).strip().upper() == "TOP-DOWN"
         cube = _cube(found, len(data))
+        pattern = _fits_pattern(found.header, len(cube))
         facts = PhotographFacts(
             camera=str(found.header.get(_CAMERA, "")).strip() or None,
             exposure_s=_exposure_s(found.header),
             orientation=None if is_shown_upright else TOP_TO_BOTTOM,
         )
-    return _linear(cube, "FITS", facts)
+    return replace(_linear(cube, "FITS", facts), pattern=pattern)
+
+
+def _fits_pattern(header: Any, pages: int) -> Pattern | None:  # noqa: ANN401 - no types
+    """The Bayer pattern of the first two by two pixels of the file, as astronomers' cameras state.
+
+    Three planes are the colours that were made of the mosaic, whose pattern programs leave there.
+    """
+    stated = next((str(header[key]) for key in _BAYER if header.get(key)), "").strip().upper()
+    if not stated or stated in _NO_PATTERN or pages == len(_COLOURS):
+        return None
+    if stated not in PATTERNS:
+        raise DecodingError(
+            f"a raw mosaic of pattern {stated[:16]}, which is not that of a 2 x 2 Bayer filter"
+        )
+    right, down = (int(header.get(key) or 0) % 2 for key in _BAYER_OFFSETS)
+    cells = np.roll(np.array(list(stated)).reshape(2, 2), (-down, -right), axis=(0, 1))
+    return next(each for each in PATTERNS if each == "".join(cells.ravel()))
 
 
 def _exposure_s(header: Any) -> float | None:  # noqa: ANN401 - no types

@@ -132,13 +132,21 @@ def each_image(paths: Iterable[Path]) -> Iterator[Path]:
         try:
             with os.scandir(path) as entries:
                 for entry in entries:
-                    if Path(entry.name).suffix.lower() in IMAGE_SUFFIXES:
+                    if _is_listed(Path(entry.name)):
                         is_empty = False
                         yield path / entry.name
         except OSError as error:
             raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
         if is_empty:
             raise ApplicationError(f"{path}: the folder holds no image")
+
+
+def _is_listed(path: Path) -> bool:
+    """Whether a file of a folder counts as a photograph: hidden ones are none.
+
+    On disks that others read as well, macOS keeps a ``._name.jpg`` beside each ``name.jpg``.
+    """
+    return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
 
 
 def is_folder(path: Path) -> bool:
@@ -157,7 +165,7 @@ def _images_of_url(path: Path) -> Iterator[Path]:
             return
         is_empty = True
         for file in remote_files_in(path):
-            if file.suffix.lower() in IMAGE_SUFFIXES:
+            if _is_listed(file):
                 is_empty = False
                 yield file
     except OSError as error:
@@ -169,7 +177,7 @@ def _images_of_url(path: Path) -> Iterator[Path]:
 def image_files_in(folder: Path) -> list[Path]:
     """Return the images in a folder, sorted by name."""
     try:
-        return sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+        return sorted(path for path in folder.iterdir() if _is_listed(path))
     except OSError as error:
         raise ApplicationError(f"cannot read the folder {folder}: {error.strerror}") from error
 
@@ -486,6 +494,10 @@ class Inputs:
             ),
             encoding=self._encodings[0] if len(self._encodings) == 1 else tuple(self._encodings),
         )
+
+    def leave_unsaid(self, kind: str) -> None:
+        """Make no remark of a kind: the caller has been told already."""
+        self._announced.add(kind)
 
     def _add_head(self, head: PhotographHead) -> None:
         if head.sha256 is not None:

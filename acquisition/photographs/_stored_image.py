@@ -5,7 +5,7 @@ Exif 3.0 (CIPA DC-008-2023), sections 4.6.4 to 4.6.6. A tag that is damaged or a
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
 from numbers import Real
 from typing import Any, Self
@@ -197,6 +197,11 @@ class JpegCoding:
     def coarseness(self) -> int:
         """Sum of the steps of the first table, the luma's."""
         return sum(self.tables[0])
+
+    @property
+    def finest(self) -> "JpegCoding":
+        """The same sampling with steps of 1."""
+        return replace(self, tables=((1,) * _SIZE**2,) * len(self.tables))
 
     def of_levels(self, stored: AnyArray) -> AnyArray:
         """Code levels of 8 bits, shape ``(rows, cols)`` or ``(rows, cols, 3)``, and decode them."""

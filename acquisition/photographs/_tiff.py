@@ -31,6 +31,7 @@ from acquisition.photographs._decoding import (
 )
 from acquisition.photographs._encoding import LINEAR, SRGB, Encoding, read_profile
 from acquisition.photographs._stored_image import FACT_TAGS, PhotographFacts, StoredImage, is_srgb
+from acquisition.photographs._unread import unread_kind
 from acquisition.session import CaptureRecord, parse_capture
 
 _MIN_IS_WHITE, _PALETTE, _YCBCR, _CFA, _LINEAR_RAW = 0, 3, 6, 32803, 34892
@@ -42,6 +43,7 @@ _WITHOUT_A_SIZE = {1, 2, 3, 4, 5, 8, 32771, 32773, 32946, 34925, 50000}
 _ICC_TAG, _EXIF_TAG, _CFA_REPEAT_TAG, _CFA_PATTERN_TAG = 34675, 34665, 33421, 33422
 _BLACK_REPEAT_TAG, _SUB_DIRECTORIES_TAG = 50713, 330
 _SMALL_PX = 1 << 16
+_ZERO_OF_SIGNED = -32768
 _REDUCED_OR_MASK = 1 | 4
 _OPACITY = {1, 2}
 """Of a further sample, with the colours multiplied by it or not: TIFF 6.0, section 18."""
@@ -72,7 +74,7 @@ def read_tiff_image(data: bytes) -> StoredImage:
         unmarked=(LINEAR, "TIFF"),
         facts=PhotographFacts.of_tags(tags, first.imagewidth),
         is_jpeg=int(first.compression) in _JPEG,
-        white_dn=_white_dn(first),
+        white_dn=None if stack.is_signed else _white_dn(first),
         pattern=_pattern(first),
         has_opacity=bool(_OPACITY.intersection(map(int, first.extrasamples))),
     )
@@ -146,6 +148,7 @@ class _Stack:
     data: bytes
     pages: tuple[tifffile.TiffPage, ...]
     frames: int | None
+    is_signed: bool
 
     @property
     def first(self) -> tifffile.TiffPage:
@@ -171,6 +174,8 @@ class _Stack:
                 pixels = page.asarray()
             if pixels.shape != page.shape:
                 raise DecodingError(f"cut short: {pixels.shape} of {page.shape} pixels")
+            if self.is_signed and pixels.dtype.kind == "u" and pixels.dtype.itemsize == 2:
+                return (pixels.astype(np.int32) + _ZERO_OF_SIGNED).astype(np.int16)
             return _as_shown(pixels, page)
 
 
@@ -191,7 +196,16 @@ def _stack(tiff: tifffile.TiffFile, data: bytes) -> _Stack:
         # ImageJ writes one directory for a stack of more than 4 GB, and some programs always.
         found = math.prod(tiff.series[0].shape) // pages[0].size
         frames = found if found > 1 and pages[0].is_contiguous else None
-    return _Stack(data=data, pages=tuple(pages), frames=frames)
+    return _Stack(data=data, pages=tuple(pages), frames=frames, is_signed=_is_signed(tiff))
+
+
+def _is_signed(tiff: tifffile.TiffFile) -> bool:
+    """Whether ImageJ moved signed levels up by 32768, as it says in its calibration."""
+    known = tiff.imagej_metadata or {}
+    try:
+        return float(known.get("c0", 0)) == _ZERO_OF_SIGNED and float(known.get("c1", 0)) == 1
+    except (TypeError, ValueError):
+        return False
 
 
 def _full_size(pages: Iterable[tifffile.TiffPage | tifffile.TiffFrame]) -> list[tifffile.TiffPage]:
@@ -392,7 +406,10 @@ def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
             "black levels that differ within more than 2 x 2 pixels are not read; "
             "convert it to a linear TIFF"
         )
-    with decoding("camera raw file", rawpy.LibRawError), rawpy.imread(BytesIO(data)) as raw:
+    with (
+        decoding("camera raw file", rawpy.LibRawError),
+        _opened_raw(data, rawpy) as raw,
+    ):
         sizes = raw.sizes
         refuse_giant((sizes.raw_height, sizes.raw_width), 2, len(data))
         is_mosaic = raw.raw_type == rawpy.RawType.Flat
@@ -415,6 +432,26 @@ def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
         saturation_dn=white,
         pattern=pattern,
     )
+
+
+def _opened_raw(data: bytes, rawpy: Any) -> Any:  # noqa: ANN401 - rawpy has no types
+    """Open a raw file, or say why LibRaw does not take it."""
+    try:
+        return rawpy.imread(BytesIO(data))
+    except rawpy.LibRawFileUnsupportedError as error:
+        kind = unread_kind(data)
+        if kind is not None:
+            raise DecodingError(kind) from error
+        if is_tiff(data) or data.startswith(_SIGNATURES):
+            release = ".".join(map(str, rawpy.libraw_version))
+            raise DecodingError(
+                f"a raw file of a camera or a compression that LibRaw {release} does not know; "
+                "convert it to DNG"
+            ) from error
+        raise DecodingError(
+            "no camera raw file: it says neither its size nor its type, as when a program writes "
+            "the numbers alone; save a TIFF, or read it with numpy and give the array in Python"
+        ) from error
 
 
 def _raw_pattern(raw: Any) -> Pattern | None:  # noqa: ANN401 - rawpy has no types

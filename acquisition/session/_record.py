@@ -30,7 +30,12 @@ _IDENTITY_KEYS = ("driver", "DeviceVendorName", "DeviceModelName", "DeviceSerial
 _MEASURE_KEYS = ("Width", "Height", "limits_mm")
 """Sensor and travel: compared where both runs tell them."""
 
-_CONNECTION_KEYS = (("stage", "port"), ("camera", "address"), ("camera", "id"))
+_CONNECTION_KEYS = (
+    ("stage", "port"),
+    ("stage", "release_dtr"),
+    ("camera", "address"),
+    ("camera", "id"),
+)
 """Keys of the bench under which a device is plugged in today; they do not tell which it is."""
 _KEYS = ("schema", "uid", "created_utc", "operator", "plan", "bench", "devices", "software")
 _BENCH_TABLES = ("camera", "stage", "capture")

@@ -271,7 +271,7 @@ def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
             f"stage.wire_log {config.wire_log}: {error.strerror}", keys=("stage.wire_log",)
         ) from error
     try:
-        port = open_serial_port(config.port or "", config.baud_rate)
+        port = open_serial_port(config.port or "", config.baud_rate, release_dtr=config.release_dtr)
     except BaseException:
         if log:
             log.close()
@@ -285,18 +285,21 @@ def open_serial_port(
     *,
     read_slice_s: float = _READ_SLICE_S,
     write_timeout_s: float = _WRITE_TIMEOUT_S,
+    release_dtr: bool = False,
 ) -> _SerialPort:
-    """Open a port exclusively, 8 data bits, no parity, 1 stop bit; DTR resets Arduino boards."""
+    """Open a port exclusively, 8 data bits, no parity, 1 stop bit; DTR resets Arduino boards.
+
+    Where DTR leads to the reset without the usual capacitor, a board stands still as long as DTR
+    is held: ``release_dtr`` lets go of it, and of RTS.
+    """
+    port = serial.Serial(
+        None, baud_rate, timeout=read_slice_s, write_timeout=write_timeout_s, exclusive=True
+    )
+    port.dtr = port.rts = not release_dtr
     try:
-        return _SerialPort(
-            serial.Serial(
-                path,
-                baud_rate,
-                timeout=read_slice_s,
-                write_timeout=write_timeout_s,
-                exclusive=True,
-            )
-        )
+        port.port = path
+        port.open()
+        return _SerialPort(port)
     except (OSError, ValueError) as error:
         number = error.errno if isinstance(error, OSError) else None
         if number in (errno.EAGAIN, errno.EBUSY):

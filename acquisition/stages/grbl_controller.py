@@ -125,8 +125,8 @@ def _no_version_error(
             f"{name} has not answered since {alarm.text}; {alarm.remedy}", code=alarm.code
         )
     return DeviceTimeoutError(
-        f"{name} does not answer; check its power, the port and the baud rate, "
-        "or unlock it, which resets it"
+        f"{name} does not answer; check its power, the port and the baud rate, or unlock it, "
+        "which resets it; a board that DTR keeps in reset needs stage.release_dtr = true"
     )
 
 

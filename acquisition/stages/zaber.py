@@ -284,12 +284,14 @@ class _ZaberDevice:
                 reply = self._read_tries("set comm.checksum 1", axis=0)
             except DeviceProtocolError as error:
                 raise DeviceProtocolError(
-                    f"{error}; is this the right port and baud rate?"
+                    f"{error}; is this the right port and baud rate, and does it speak the ASCII "
+                    "protocol?"
                 ) from error
             except DeviceTimeoutError as error:
                 hint = f"; it said {heard[0][:40]!r} before" if heard else ""
                 raise DeviceTimeoutError(
-                    f"{error}; check its power, the port, baud_rate and device_address{hint}"
+                    f"{error}; check its power, the port, baud_rate and device_address, and "
+                    f"that it is set to the ASCII protocol, not to the binary one{hint}"
                 ) from error
             # Firmware before 6.14 has no such setting and sends no checksums.
             self._needs_checksum = reply.is_ok

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import stat
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from itertools import chain, groupby, islice
@@ -119,6 +120,8 @@ def write_sr_dataset(
                         pairs[answer.row["split"]] += len(answer.row["pairs"])
                 if options.part[1] == 1:
                     listed = _list_pairs(records, work)
+                    if len(listed.kinds) > 1:
+                        call.note(_several_kinds(listed.kinds))
                     _describe(out, document, listed.in_provenance(provenance))
             return _summary(len(given), len(copies), done, pairs)
     except OSError as error:
@@ -195,10 +198,11 @@ def _describe(out: Path, document: dict[str, Any], provenance: Provenance) -> No
 
 @dataclass(slots=True, kw_only=True)
 class _Listed:
-    """The images with pairs, of 10,000 at most their names and hashes, and their encodings."""
+    """The images with pairs, of 10,000 at most their names and hashes; encodings and kinds."""
 
     manifest: Path
     encodings: set[str] = field(default_factory=set)
+    kinds: Counter[str] = field(default_factory=Counter)
     images: list[InputFile] = field(default_factory=list)
 
     def in_provenance(self, provenance: Provenance) -> Provenance:
@@ -217,6 +221,14 @@ class _Listed:
         )
 
 
+def _several_kinds(kinds: Counter[str]) -> str:
+    listed = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    return (
+        f"pairs of {len(kinds)} kinds ({listed}): a loader cannot stack them into one batch; "
+        "convert them as they are loaded, or make a dataset of each kind"
+    )
+
+
 def _list_pairs(records: Records, work: PairWork) -> _Listed:
     """Write the manifest of all pairs, in the order of the images' paths, and name tar files."""
     tars = _numbered_tars(records, work) if work.settings.format == "webdataset" else {}
@@ -227,6 +239,8 @@ def _list_pairs(records: Records, work: PairWork) -> _Listed:
                 continue
             image = dict(answer.row)
             pairs, tar = image.pop("pairs"), tars.get(image.pop("tar", ""))
+            if "kind" in image:  # not in records of earlier versions
+                found.kinds[image["kind"]] += len(pairs)
             image = {name: image[name] for name in ("image", "image_sha256", "encoding", "split")}
             split = image.pop("split")
             found.encodings.add(image["encoding"])

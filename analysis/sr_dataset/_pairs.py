@@ -207,7 +207,7 @@ class PairWork(SweepWork):
             places.append({"high": high, "low": low, **place})
         return Record(
             items=(item,),
-            rows=({**row, "pairs": places},),
+            rows=({**row, "kind": _kind_of(photograph, settings), "pairs": places},),
             notes={**photograph.notes, **self._note_on_field(photograph)},
             files=files,
             data=b"".join(_tar_member(name, data) for name, data in members),
@@ -298,6 +298,17 @@ def _tar_member(name: str, data: bytes) -> bytes:
     return member.tobuf(tarfile.GNU_FORMAT) + data + padding
 
 
+def _kind_of(photograph: PairPhotograph, settings: SrDatasetSettings) -> str:
+    """What an array of a pair's file is like, in words: arrays of two kinds make no batch."""
+    colours = "grey" if photograph.stored.ndim == 2 else "RGB"
+    stored: np.dtype[Any] = photograph.stored.dtype
+    return f"{colours} {'float32' if _is_float(stored, settings) else stored.name}"
+
+
+def _is_float(stored: np.dtype[Any], settings: SrDatasetSettings) -> bool:
+    return settings.is_float or stored.kind != "u" or stored.itemsize > _PNG_BYTES_MOST
+
+
 def _encoded_pairs(
     photograph: PairPhotograph, settings: SrDatasetSettings
 ) -> Iterator[_EncodedPair]:
@@ -312,7 +323,7 @@ def _encoded_pairs(
         threads=settings.threads,
     )
     stored: np.dtype[Any] = photograph.stored.dtype
-    is_float = settings.is_float or stored.kind != "u" or stored.itemsize > _PNG_BYTES_MOST
+    is_float = _is_float(stored, settings)
     stem = beginning_of(photograph.path.stem, _LONGEST_STEM_BYTES)
     for number, pair in enumerate(pairs):
         # The levels of the crop as the file has them: to light and back they would be the same.

@@ -22,6 +22,7 @@ from calibration.noise._document import (
     nonuniformity,
 )
 from calibration.noise._emva import EmvaSheet, emva_sheet
+from calibration.noise._frame_checks import FrameNames, NeighbourCorrelation, correlation_note
 from calibration.noise._photon_transfer import (
     MOST_CLIPPED,
     QUANTISATION_DN2,
@@ -185,6 +186,9 @@ class FrameGroup:
         self._mean: FloatArray = np.zeros(0)
         self._squares: FloatArray = np.zeros(0)
         self._statistics: tuple[FloatImage, FloatImage] | None = None
+        self._names = FrameNames()
+        self._first: NDArray[Any] = np.zeros(0)
+        self.correlation: NeighbourCorrelation | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -221,8 +225,12 @@ class FrameGroup:
             )
         self._bits |= int(np.bitwise_or.reduce(whole, axis=None))
         self.frames += 1
+        self._names.add(frame)
         if self.frames == 1:
             self._begin(frame)
+        if self.frames == FEWEST_FRAMES:
+            self.correlation = NeighbourCorrelation.of(self._first, frame)
+            self._first = np.zeros(0)
         np.maximum(self._largest, frame, out=self._largest)
         if self._sums is not None:
             self._sums.add(frame)
@@ -245,6 +253,7 @@ class FrameGroup:
             variance = self._squares / (self.frames - 1)
             self._statistics = (self._mean.astype(np.float32), variance.astype(np.float32))
         self._sums, self._mean, self._squares = None, np.zeros(0), np.zeros(0)
+        self._names.refuse_repeats(self.name, self.kind, self._statistics[1])
 
     def statistics(self) -> tuple[FloatImage, FloatImage]:
         """Mean and unbiased temporal variance of one frame, float32."""
@@ -256,7 +265,7 @@ class FrameGroup:
         return int(np.count_nonzero(self._largest >= max_level_dn))
 
     def _begin(self, frame: NDArray[Any]) -> None:
-        self._largest = frame.copy()
+        self._largest, self._first = frame.copy(), frame.copy()
         if frame.dtype.type in _INTEGERS:
             rows, cols = frame.shape
             self._sums = FrameSums((rows, cols), np.iinfo(frame.dtype).max)
@@ -291,6 +300,15 @@ def noise_captures(
                 reason="no_dark",
                 saturated=clipped,
             )
+    correlated = correlation_note(
+        [
+            group.correlation
+            for group in groups
+            if group.kind == "flat" and group.correlation and group.max_dn < max_level_dn
+        ]
+    )
+    if correlated:
+        notes = (*notes, correlated)
     if step_dn > 1:
         notes = (
             *notes,

@@ -434,19 +434,37 @@ def _in_mm(found: ChangeResult, scale: SceneScale) -> tuple[ChangeResult, DepthM
 
 
 def _colours(
-    near: Photograph, far: Photograph, steps: tuple[FileSteps, FileSteps]
+    near: Photograph,
+    far: Photograph,
+    steps: tuple[FileSteps, FileSteps],
+    *,
+    are_coded_alike: bool = False,
 ) -> PairColours | None:
-    """Colours of both, with the steps of their channels; None if one of them is grey."""
+    """Colours of both, with the steps of their channels; None if one of them is grey.
+
+    Where a JPEG has half the pixels for them, the other gets as few, and what each loses counts
+    among its steps; not where pixels lie upon each other and lose alike.
+    """
     if not (near.is_colour and far.is_colour):
         return None
     before, after = steps
+    variance = before.channel_variance_dn2, after.channel_variance_dn2
+    if not are_coded_alike:
+        near, far = near.with_colours_halved_as(far), far.with_colours_halved_as(near)
+        lost = near.halved_colours_variance_dn2, far.halved_colours_variance_dn2
+        variance = _together(variance[0], lost[0]), _together(variance[1], lost[1])
     return PairColours(
         reference_dn=near.colour_planes,
         followup_dn=far.colour_planes,
-        step_variance_dn2=(before.channel_variance_dn2, after.channel_variance_dn2),
+        step_variance_dn2=variance,
         step_dn=(before.channel_step_dn, after.channel_step_dn),
         white_dn=(near.full_scale_dn, far.full_scale_dn),
     )
+
+
+def _together(one: Float32Array | None, other: Float32Array | None) -> Float32Array | None:
+    """The sum of two variances, of which either may not be known."""
+    return other if one is None else one if other is None else one + other
 
 
 def _coded_alike(near: Photograph, far: Photograph, colours: PairColours | None) -> CodedAlike:
@@ -455,6 +473,8 @@ def _coded_alike(near: Photograph, far: Photograph, colours: PairColours | None)
     A file that was made of the other one is not to be coded a second time.
     """
     given = near.grey_dn, far.grey_dn
+    if colours is not None:
+        colours = _colours(near, far, (near.file_steps, far.file_steps), are_coded_alike=True)
     as_given = CodedAlike(photographs=given, colours=colours)
     recoded = near.coded_as(far), far.coded_as(near)
     if recoded[0] is near and recoded[1] is far:
@@ -464,7 +484,7 @@ def _coded_alike(near: Photograph, far: Photograph, colours: PairColours | None)
     if not still_apart < apart:
         return as_given
     steps = recoded[0].file_steps, recoded[1].file_steps
-    return CodedAlike(photographs=alike, colours=_colours(*recoded, steps))
+    return CodedAlike(photographs=alike, colours=_colours(*recoded, steps, are_coded_alike=True))
 
 
 def _variance_dn2(photograph: Photograph) -> Float32Array | None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from acquisition import Session as Session
 from acquisition.files import write_file
 from acquisition.photographs import (
+    UNNAMED_MOSAIC,
     Photograph,
     PhotographFacts,
     ReadOptions,
@@ -114,6 +115,8 @@ def from_images(given: Sequence[ImageLike], reading: Reading, call: Call) -> Edg
 
     Camera raw files state the pattern of their mosaic; the first file decides for all.
     """
+    if reading.pattern is not None:
+        call.inputs.leave_unsaid(UNNAMED_MOSAIC)
     first = call.photograph(given[0], "images[0]")
     if reading.pattern is None and first.pattern is not None:
         channel: Channel = "green" if reading.channel == "luma" else reading.channel

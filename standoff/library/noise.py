@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from glob import has_magic
 from itertools import chain, islice
+from math import log2
 from numbers import Number
 from os import PathLike
 from pathlib import Path
@@ -61,6 +62,14 @@ _SAME_EXPOSURE = 1e-3
 _OTHER_EXPOSURE = 0.1
 """Relative: files state it to a tenth at the worst, as 1/60 s for 1/64."""
 _US_PER_S = 1e6
+_SHUTTER_SPEEDS = (
+    *(1.0, 1.25, 1.3, 1.6, 5 / 3, 2.0, 2.5, 3.0, 3.2, 10 / 3, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 15.0),
+    *(20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0, 125.0, 160.0, 200.0, 250.0, 320.0, 400.0),
+    *(500.0, 640.0, 800.0, 1e3, 1250.0, 1600.0, 2e3, 2500.0, 3200.0, 4e3, 5e3, 6400.0, 8e3),
+)
+"""What a camera's dial shows for 2^(n/3), of seconds and as their reciprocals."""
+_SAME_NAME = 2e-3
+_OTHER_STEP = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -310,6 +319,7 @@ class _Reading:
                 f"no frame reaches {top_dn:g}, the largest level that the files can hold: if the "
                 "camera clips below it, state its white level"
             )
+        notes += self._shutter_note(groups)
         if found.is_mosaic:
             notes.append("in raw mosaics, one green pixel of every square of four is measured")
         return noise_captures(
@@ -318,6 +328,20 @@ class _Reading:
             camera=next(iter(found.cameras), None),
             notes=tuple(notes),
         )
+
+    def _shutter_note(self, groups: Sequence[FrameGroup]) -> list[str]:
+        """What to say of flats whose exposures are the names of a photographic camera's speeds."""
+        stated = {group.exposure_us for group in groups if group.kind == "flat"}
+        off = [_off_its_name(us) for us in stated if us is not None]
+        known = [ratio for ratio in off if ratio is not None]
+        spread = max(known) / min(known) - 1 if len(known) > 1 else 0.0
+        if not self._settings.isos or len(known) < len(stated) or spread < _OTHER_STEP:
+            return []
+        return [
+            "the files name shutter speeds, such as 1/60 s for 1/64 s: against each other the "
+            f"exposures may be off by {100 * spread:.1f} %, and linearity with them; "
+            "state the true exposures"
+        ]
 
     def _frames(self, source: object, name: str) -> Iterator[Photograph]:
         if isinstance(source, str | PathLike):
@@ -352,6 +376,16 @@ class _Reading:
             row, col = divmod(frame.pattern.index("G"), 2)
             return levels[row::2, col::2]
         return levels if levels.ndim == 2 else levels[:, :, 0]
+
+
+def _off_its_name(exposure_us: float) -> float | None:
+    """Ratio of the step of 2^(n/3) s to the speed that names it; None for other exposures."""
+    seconds = exposure_us / _US_PER_S
+    named = max(seconds, 1 / seconds)
+    if not any(abs(named / name - 1) < _SAME_NAME for name in _SHUTTER_SPEEDS):
+        return None
+    step = 2 ** (round(3 * log2(seconds)) / 3)
+    return step / seconds
 
 
 def _exposure_us(frame: Photograph) -> float | None:

@@ -554,7 +554,7 @@ def _note_clipping(call: Call, photograph: Photograph) -> None:
     share = 0.0 if clipped is None else float(clipped.mean())
     if share >= _CLIPPED_SAID:
         call.note(
-            f"{photograph.name}: {100 * share:.2g} % of the pixels are clipped; the follow-up is "
+            f"{photograph.name}: {100 * share:.3g} % of the pixels are clipped; the follow-up is "
             "too dark there"
         )
 

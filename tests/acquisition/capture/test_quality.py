@@ -116,6 +116,12 @@ def test_saturated_pixels_are_counted_against_the_frame(
     assert problems(level(2000.0, saturated_pixels=pixels)) == expected  # of 8000
 
 
+def test_a_whole_frame_that_is_saturated_is_a_hundred_percent() -> None:
+    """After minutes of exposure every pixel is white: it said 1e+02 %."""
+    findings = check_capture(level(2000.0, saturated_pixels=8000), ())
+    assert any("8000 pixels (100 %)" in each.text for each in findings)
+
+
 @pytest.mark.parametrize(
     ("level_dn", "expected"),
     [

@@ -154,3 +154,25 @@ def test_flipped_bits_give_levels_or_the_one_error(at: int, bits: int) -> None:
     damaged = bytearray(SAMPLE)
     damaged[at] ^= bits
     levels_of(bytes(damaged))
+
+
+@pytest.mark.parametrize("name", ["frame.raw", "frame.dng"])
+def test_numbers_without_a_header_are_called_that(tmp_path: Path, name: str) -> None:
+    """Viewers of machine-vision cameras, and phones, write the mosaic's numbers alone as .raw."""
+    text = refusal(tmp_path, MOSAIC.tobytes(), name)
+    assert "neither its size nor its type" in text
+    assert "give the array" in text
+
+
+def test_a_raw_file_that_libraw_does_not_know_is_to_be_converted(tmp_path: Path) -> None:
+    """As of a camera that is newer than LibRaw, or a compression that it has no licence for."""
+    import tifffile
+
+    tifffile.imwrite(tmp_path / "made.tif", MOSAIC[:4, :4])
+    data = (tmp_path / "made.tif").read_bytes()
+    text = refusal(tmp_path, data, "photo.nef")
+    assert "convert it to DNG" in text
+
+
+def test_a_photograph_under_the_name_of_a_raw_file_is_called_what_it_is(tmp_path: Path) -> None:
+    assert "a Photoshop document" in refusal(tmp_path, b"8BPS" + bytes(400), "photo.arw")

@@ -83,6 +83,68 @@ def test_channels_that_are_no_picture_are_named_on_one_line(tmp_path: Path) -> N
     assert "normal.X" in text
 
 
+def parts(path: Path, **channels: dict[str, NDArray[Any]]) -> bytes:
+    library = pytest.importorskip("OpenEXR", reason="an extra")
+    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage}
+    library.File(
+        [library.Part(header | {"name": name}, each) for name, each in channels.items()]
+    ).write(str(path / "made.exr"))
+    return (path / "made.exr").read_bytes()
+
+
+def test_the_one_picture_of_several_parts_is_read_wherever_it_stands(tmp_path: Path) -> None:
+    """Renderers write depth and picture as parts; the first one was taken, which may be depth."""
+    depth = np.ascontiguousarray(LIGHT[:, :, 0])
+    found = read(tmp_path, parts(tmp_path, depth={"Z": depth}, beauty={"RGB": LIGHT}))
+    np.testing.assert_array_equal(found.stored, LIGHT)
+    assert any("parts depth" in said for said in found.remarks.values())
+
+
+def test_of_two_pictures_in_an_exr_none_is_chosen(tmp_path: Path) -> None:
+    """A stereo pair: the left view was taken without a word."""
+    data = parts(tmp_path, left={"RGB": LIGHT}, right={"RGB": LIGHT / 2})
+    text = refusal(tmp_path, data)
+    assert "left, right" in text
+    assert "by itself" in text
+
+
+def test_parts_without_a_picture_are_named(tmp_path: Path) -> None:
+    plane = np.ascontiguousarray(LIGHT[:, :, 0])
+    data = parts(tmp_path, depth={"Z": plane}, normal={"X": plane, "Z": plane})
+    assert "none of its parts (depth, normal)" in refusal(tmp_path, data)
+
+
+@pytest.mark.parametrize(
+    ("stated", "offsets", "pattern"),
+    [
+        ("RGGB", (0, 0), "RGGB"),
+        ("rggb ", (0, 0), "RGGB"),
+        ("RGGB", (1, 0), "GRBG"),
+        ("RGGB", (0, 1), "GBRG"),
+        ("RGGB", (1, 1), "BGGR"),
+        ("GRBG", (1, 0), "RGGB"),
+        ("NONE", (0, 0), None),
+    ],
+)
+def test_the_mosaic_of_an_astronomers_colour_camera_has_its_pattern(
+    stated: str, offsets: tuple[int, int], pattern: str | None, tmp_path: Path
+) -> None:
+    """Frames of one-shot-colour cameras were measured as grey, with all colours in one edge."""
+    library = pytest.importorskip("astropy.io.fits", reason="an extra")
+    header = library.Header({"BAYERPAT": stated, "XBAYROFF": offsets[0], "YBAYROFF": offsets[1]})
+    assert read(tmp_path, fits(GREY_16, header=header)).pattern == pattern
+
+
+def test_a_filter_that_is_not_bayers_is_refused_and_colours_made_of_it_are_not(
+    tmp_path: Path,
+) -> None:
+    library = pytest.importorskip("astropy.io.fits", reason="an extra")
+    text = refusal(tmp_path, fits(GREY_16, header=library.Header({"BAYERPAT": "GGGBRB"})))
+    assert "pattern GGGBRB" in text
+    developed = fits(CUBE, header=library.Header({"BAYERPAT": "RGGB"}))
+    assert read(tmp_path, developed, ReadOptions(page=1)).pattern is None
+
+
 @pytest.mark.parametrize("pixels", [LIGHT[:, :, 0], GREY_16, GREY_16.astype(np.int16)])
 def test_a_fits_image_is_read_in_the_order_of_its_rows(
     tmp_path: Path, pixels: NDArray[Any]

@@ -480,3 +480,29 @@ def test_flipped_bits_give_an_image_or_the_one_error(at: int, bits: int, kind: s
         image.page(0)
     except DecodingError:
         pass
+
+
+@pytest.mark.parametrize("pages", [1, 3])
+def test_signed_levels_that_imagej_moved_up_come_back(tmp_path: Path, pages: int) -> None:
+    """ImageJ stores signed 16-bit levels, as of scanning microscopes, 32768 higher, and says so."""
+    signed = GREY_16.astype(np.int32) - 20_000
+    signed = np.clip(signed, -32768, 32767).astype(np.int16)
+    stored = (signed.astype(np.int32) + 32768).astype(np.uint16)
+    calibration = (
+        "ImageJ=1.54f\nimages={}\nslices={}\ncf=0\nc0=-32768.0\nc1=1.0\nvunit=Gray Value\n"
+    )
+    data = tiff(
+        np.stack([stored] * pages) if pages > 1 else stored,
+        description=calibration.format(pages, pages),
+        metadata=None,
+        photometric="minisblack",
+    )
+    options = ReadOptions(page=pages) if pages > 1 else ReadOptions()
+    found = read(tmp_path, data, options)
+    np.testing.assert_array_equal(found.stored, signed)
+    assert found.stored.dtype == np.int16
+
+
+def test_another_calibration_of_imagej_leaves_the_levels(tmp_path: Path) -> None:
+    data = tiff(GREY_16, description="ImageJ=1.54f\ncf=0\nc0=0.5\nc1=0.01\n", metadata=None)
+    np.testing.assert_array_equal(read(tmp_path, data).stored, GREY_16)

@@ -185,7 +185,7 @@ def test_a_port_without_permission_names_the_group(monkeypatch: pytest.MonkeyPat
     def refuse(*_: object, **__: object) -> None:
         raise serial.SerialException(errno.EACCES, "could not open port")
 
-    monkeypatch.setattr("serial.Serial", refuse)
+    monkeypatch.setattr("serial.Serial.open", refuse)
     with pytest.raises(DeviceDisconnectedError) as refused:
         open_serial_port("/dev/ttyUSB0", 115200)
     assert "dialout" in str(refused.value)
@@ -217,3 +217,16 @@ def test_a_port_that_takes_no_data_is_a_timeout() -> None:
 
     with pytest.raises(DeviceTimeoutError):
         _SerialPort(Full()).write(b"?")
+
+
+@pytest.mark.parametrize("release_dtr", [True, False])
+def test_a_board_that_dtr_keeps_in_reset_is_let_go(release_dtr: bool) -> None:
+    """On Woodpecker boards DTR leads to the reset without a capacitor: held, nothing answers."""
+    main, port = os.openpty()
+    try:
+        opened = open_serial_port(os.ttyname(port), 115200, release_dtr=release_dtr)
+        assert (opened._port.dtr, opened._port.rts) == (not release_dtr, not release_dtr)
+        opened.close()
+    finally:
+        os.close(main)
+        os.close(port)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import webdataset
+from numpy.typing import NDArray
 
 from acquisition.photographs import ReadOptions, read_photograph
 from analysis.errors import SrDatasetError, SweepError
@@ -345,3 +346,28 @@ def test_two_thousand_photographs_with_bad_ones_and_copies(tmp_path: Path) -> No
     assert (done.images, done.copies, done.refused_images) == (2000, 20, 40)
     assert done.train + done.test == len(manifest_of(out)) == 1940
     assert done.test == pytest.approx(0.3 * 1940, abs=81)  # four of its deviations
+
+
+def test_pairs_that_make_no_batch_are_counted(tmp_path: Path) -> None:
+    """A grey picture among colours stops a training: "expected 3 channels, but got 1"."""
+    rng = np.random.default_rng(1)
+    folder = tmp_path / "mixed"
+    folder.mkdir()
+    pictures: dict[str, NDArray[Any]] = {
+        "grey": rng.integers(0, 255, (30, 40)).astype(np.uint8),
+        "colour": rng.integers(0, 255, (30, 40, 3)).astype(np.uint8),
+        "wide": rng.integers(0, 65535, (30, 40)).astype(np.uint16),
+    }
+    for name, pixels in pictures.items():
+        cv2.imwrite(str(folder / f"{name}.png"), pixels)
+    call = Call("training_pairs")
+    write(tmp_path / "out", folder, call=call)
+    (note,) = [each for each in call.notes if "kinds" in each]
+    assert "4 grey uint8" in note
+    assert "4 RGB uint8" in note
+    assert "4 grey uint16" in note
+    one = Call("training_pairs")
+    (folder / "grey.png").unlink()
+    (folder / "wide.png").unlink()
+    write(tmp_path / "one", folder, call=one)
+    assert not [each for each in one.notes if "kinds" in each]
