@@ -204,7 +204,14 @@ things in scikit-image's pictures 32 of the 36 that were made brighter or darker
 _AS_PLAIN: Final = 3.0
 """Structure over that of the surroundings, up to which a place is part of these."""
 
-_OUTLINE_PX: Final = 2.0
+_BESIDE_PX, _BEYOND_PX = 2.0, 3.0
+"""Distances from the outline of a change at which it is asked whether light steps there: outside,
+and within, where smoothing has moved the outline outwards."""
+
+_BY_STRUCTURE, _CLEARLY = 0.3, 0.22
+"""How much the logarithm of what stands out within counts beside that of the squares of these
+steps; and up to which sum neither photograph is said to lack a thing. Of 31 things put in or taken
+out of rendered scenes 25 are told rightly, 3 wrongly, and of 3 it is left open."""
 
 _SURELY: Final = 4.0
 """Standard errors of its luma, below which a thing has changed its colour alone."""
@@ -249,7 +256,7 @@ def as_things(
             others = [one for one in others if one.area_px > _MOST_LEFT * largest.area_px]
             shifted += _as_movements(movements, left)
         if others:
-            thing = _as_thing(others, images)
+            thing = _as_thing(others, images, in_colour)
             found.append(thing if in_colour is None else in_colour.with_colours(thing))
     return ToldApart(found=view.ordered(found), shifted=view.ordered(shifted))
 
@@ -330,11 +337,21 @@ class _InColour:
             update["what"] = "colour"
         return replace(thing, change=change.model_copy(update=update))
 
-    def _seen(self, rows: IntArray, cols: IntArray) -> SeenDifference:
-        """Between the mean colours of some pixels."""
+    def sides(self, around: Surroundings) -> list[FloatArray]:
+        """Before and after around a change, shape ``(rows, cols, 3)`` each."""
+        more = np.moveaxis(to_rgb(self._channels(*around.crop)), 0, -1)
+        own = self.light * np.asarray(self.own_dn[around.crop], dtype=np.float64)
+        return [own - more, own] if self.is_after else [own, own + more]
+
+    def _channels(self, rows: IntArray | slice, cols: IntArray | slice) -> FloatArray:
+        """Luma, red and blue of the difference."""
         planes = self.planes
         difference = planes.difference_dn[:, rows, cols].astype(np.float64)
-        more = to_rgb(to_channels(difference, planes.by_others[:, rows, cols]).mean(axis=1))
+        return to_channels(difference, planes.by_others[:, rows, cols])
+
+    def _seen(self, rows: IntArray, cols: IntArray) -> SeenDifference:
+        """Between the mean colours of some pixels."""
+        more = to_rgb(self._channels(rows, cols).mean(axis=1))
         own = self.light * self.own_dn[rows, cols].mean(axis=0, dtype=np.float64)
         before, after = (own - more, own) if self.is_after else (own, own + more)
         return SeenDifference.of(before, after, self.white_dn)
@@ -438,10 +455,10 @@ def _apart_px(one: Change, other: Change) -> float:
     return dist(one.displacement_px, other.displacement_px)
 
 
-def _as_thing(group: Sequence[Entry], images: Images) -> Entry:
+def _as_thing(group: Sequence[Entry], images: Images, in_colour: "_InColour | None") -> Entry:
     regions = tuple(region for entry in group for region in entry.regions)
     whole = Entry(change=group[0].change, regions=regions)
-    update: dict[str, object] = {"what": _happened(whole, images)}
+    update: dict[str, object] = {"what": _happened(whole, images, in_colour)}
     if len(group) > 1:
         parts = [entry.change for entry in group]
         first = max(parts, key=lambda one: _peak(one) * one.area_px**0.5)
@@ -469,12 +486,10 @@ def _peak(change: Change) -> float:
     return abs(change.amplitude_dn) if rgb is None else max(map(abs, rgb))
 
 
-def _happened(thing: Entry, images: Images) -> Happened:
+def _happened(thing: Entry, images: Images, in_colour: "_InColour | None") -> Happened:
     """Say what happened: gone and new only where one side is what surrounds it."""
     rows, cols = thing.pixels
     around = Surroundings.of(rows, cols, images.valid, _RING_PX, int(_RING_PX[1]) + 1)
-    inside_px: FloatArray = distance_transform_edt(around.inside)
-    outline = (around.outside_px <= _OUTLINE_PX) & (inside_px <= _OUTLINE_PX)
     before, after = images.before_dn[rows, cols], images.after_dn[rows, cols]
     word: Happened = (
         "brighter" if float(np.mean(after - before, dtype=np.float64)) > 0 else "darker"
@@ -482,18 +497,46 @@ def _happened(thing: Entry, images: Images) -> Happened:
     if _correlation(before, after) > _SAME_THING:
         return word
     least = float(np.mean(np.square(images.sd_dn[rows, cols], dtype=np.float64))) / 2
-    stands_out, steepness = [], []
-    for image in (images.before_dn, images.after_dn):
-        side = np.asarray(image[around.crop], dtype=np.float64)
-        stands_out.append(around.structure(side, least))
-        slope_y, slope_x = np.gradient(side)
-        squares: FloatArray = np.asarray(slope_y**2 + slope_x**2)
-        steepness.append(float(np.mean(squares[outline])) + least)
+    sides = [
+        np.asarray(image[around.crop], dtype=np.float64)
+        for image in (images.before_dn, images.after_dn)
+    ]
+    stands_out = [around.structure(side, least) for side in sides]
     if min(stands_out) > _AS_PLAIN:
         return word
-    more = np.log((stands_out[1] + 0.1) / (stands_out[0] + 0.1))
-    more += np.log(steepness[1] / steepness[0])
+    if in_colour is not None:
+        sides = in_colour.sides(around)
+    steps = _steps(around, images.valid[around.crop], sides)
+    more = np.log((steps[1] + least) / (steps[0] + least))
+    # A word that is erased lay on paper, which goes on: its ink tells, its outline does not.
+    more += _BY_STRUCTURE * np.log((stands_out[1] + 0.1) / (stands_out[0] + 0.1))
+    if abs(more) < _CLEARLY:
+        return word
     return "new" if more > 0 else "gone"
+
+
+def _steps(around: Surroundings, valid: BoolArray, sides: Sequence[FloatArray]) -> list[float]:
+    """Mean square step across the outline of a change, of each side.
+
+    Where a thing lies, light steps at its outline; where it does not, what surrounds it goes on.
+    Both have what surrounds it, which a step between equal distances does not tell apart.
+    """
+    inside_px = distance_transform_edt(around.inside)
+    beside = (around.outside_px > 0) & (around.outside_px <= _BESIDE_PX) & valid
+    y, x = np.nonzero(beside)
+    nearest = distance_transform_edt(~around.inside, return_distances=False, return_indices=True)
+    own_y, own_x = nearest[:, y, x]
+    depth_px = min(_BEYOND_PX, float(inside_px.max()))
+    along = depth_px / around.outside_px[y, x]
+    within_y = np.rint(own_y + along * (own_y - y)).astype(np.int64)
+    within_x = np.rint(own_x + along * (own_x - x)).astype(np.int64)
+    last = np.subtract(around.inside.shape, 1)
+    within_y, within_x = np.clip(within_y, 0, last[0]), np.clip(within_x, 0, last[1])
+    counts = around.inside[within_y, within_x]
+    if not counts.any():
+        return [0.0] * len(sides)
+    y, x, within_y, within_x = (at[counts] for at in (y, x, within_y, within_x))
+    return [float(np.mean((side[y, x] - side[within_y, within_x]) ** 2)) for side in sides]
 
 
 def _correlation(one: FloatImage, other: FloatImage) -> float:
