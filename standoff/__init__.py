@@ -6,6 +6,6 @@ Each name lies in the room that makes it, and nothing is imported before it is u
 
 from standoff.front import front_of
 
-__version__ = "1.0.0"
+__version__ = "1.1.0"
 
 __getattr__, __dir__, __all__ = front_of(__name__, __file__)
