@@ -140,7 +140,7 @@ def make_benchmark(
     Examples
     --------
     >>> standoff.make_benchmark("benchmark", size="tiny").tasks
-    {'psf': 4, 'simulation': 3, 'alignment': 7, 'changes': 10}
+    {'psf': 4, 'simulation': 3, 'alignment': 7, 'changes': 10, 'things': 6}
     """
     call = Call("make_benchmark", progress)
     target = path_of(out, "out")
