@@ -79,7 +79,7 @@ no code with what is judged here; our own algorithms were written by those who w
 
     pip install quickMTF "setuptools<81" wheel sfft==1.7.3
     pip install --no-deps pybsm
-    standoff benchmark make --out DATA --size {size}
+    standoff benchmark make --out DATA --size {size} --seed {seed}
     python -m benchmarks.peers --all --data DATA --out RESULTS
     standoff benchmark score RESULTS/* --data DATA --out SCORES
     python -m benchmarks.peers.page RESULTS --scores SCORES/scores.json \\
