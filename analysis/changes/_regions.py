@@ -27,8 +27,9 @@ from analysis.changes._significance import FilterWidth, expected_peaks
 from analysis.changes.matching import away_from
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage, IntArray
 
-_BEYOND_OUTLINES = 0.2
-"""Share of the differing pixels of a region of a drawing, from which on it is a change."""
+_BEYOND_OUTLINES, _LEAST_BEYOND_PX = 0.2, 4
+"""Share of the differing pixels of a region of a drawing, and their number, from which on it is a
+change: where a scanner's noise decides between two levels, some pixels do not lie by an outline."""
 
 _CORE = 0.5
 _LEAST_PART = 0.1
@@ -435,4 +436,4 @@ def beyond_outlines(
         np.array([np.count_nonzero(mask[region.rows, region.cols]) for region in regions])
         for mask in drawn_apart
     )
-    return np.asarray(more >= np.maximum(_BEYOND_OUTLINES * differs, 1))
+    return np.asarray(more >= np.maximum(_BEYOND_OUTLINES * differs, _LEAST_BEYOND_PX))
