@@ -33,8 +33,12 @@ _LEAST_OF_A_LEVEL, _MOST_OF_TWO_LEVELS = 0.01, 0.9
 drawing of these two levels."""
 
 _BLACK, _WHITE = 0.01, 0.93
-"""Up to and from where a level counts as one of them, over their range: sRGB codes 25 and 247, to
+"""Up to and from where a level is near one of them, over their range: sRGB codes 25 and 247, to
 which JPEG files of drawings keep."""
+
+_LEAST_WHITE, _LEAST_EXACT = 0.1, 0.7
+"""Share of the pixels near white, and share exactly at either level: of a night with lamps most
+pixels are near black, too."""
 
 _AROUND_PX, _MOSTLY = 2.0, 0.8
 """Share of the pixels around one, by a Gaussian, from which on a channel is at an end of its scale
@@ -117,12 +121,17 @@ def is_of_two_levels(image_dn: AnyArray) -> bool:
     Most of it is at black or white then, and some at either.
     """
     levels = np.nan_to_num(np.asarray(image_dn, dtype=np.float32), posinf=0.0, neginf=0.0)
-    low_dn, high_dn = float(levels.min()), float(levels.max())
+    low_dn, high_dn = levels.min(), levels.max()
     black_dn, white_dn = (low_dn + at * (high_dn - low_dn) for at in (_BLACK, _WHITE))
-    if not high_dn > low_dn:
+    near = float(np.mean(levels <= black_dn)), float(np.mean(levels >= white_dn))
+    if not high_dn > low_dn or sum(near) < _MOST_OF_TWO_LEVELS:
         return False
-    shares = float(np.mean(levels <= black_dn)), float(np.mean(levels >= white_dn))
-    return min(shares) >= _LEAST_OF_A_LEVEL and sum(shares) >= _MOST_OF_TWO_LEVELS
+    exact = float(np.mean(levels == low_dn) + np.mean(levels == high_dn))
+    if near[0] >= _LEAST_OF_A_LEVEL and near[1] >= _LEAST_WHITE and exact >= _LEAST_EXACT:
+        return True
+    black, white = clipped_at_black(levels), clipped_at_white(levels, None)
+    least = min(float(np.mean(black)), float(np.mean(white)))
+    return least >= _LEAST_OF_A_LEVEL and float(np.mean(black | white)) >= _MOST_OF_TWO_LEVELS
 
 
 def mostly(mask: BoolArray) -> BoolArray:

@@ -79,6 +79,13 @@ def test_a_page_is_flat_and_its_paper_is_no_highlight() -> None:
     assert not [text for text in summary.warnings if "gloss" in text]
 
 
+def night() -> AnyArray:
+    """Three lamps in the dark, which is nearly black, with noise that is mostly cut off at 0."""
+    levels = np.rint(np.clip(np.random.default_rng(4).normal(-0.4, 0.8, (200, 300)), 0, None))
+    levels[20:40, 40:60] = levels[90:110, 200:220] = levels[150:170, 100:120] = 255.0
+    return levels
+
+
 @pytest.mark.parametrize(
     ("image", "is_page"),
     [
@@ -86,6 +93,7 @@ def test_a_page_is_flat_and_its_paper_is_no_highlight() -> None:
         (scan(), False),
         (np.full((50, 50), 255.0), False),
         (np.tile(np.arange(256.0), (200, 1)), False),
+        (night(), False),
     ],
 )
 def test_a_page_is_nearly_all_black_and_white(image: AnyArray, is_page: bool) -> None:
