@@ -20,6 +20,7 @@ from PIL import Image, ImageFile
 from acquisition.errors import ImageFileError
 from acquisition.printable import on_one_line
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file, size_text
+from acquisition.session import JOURNAL_NAME
 
 LARGEST_FILE_BYTES = LARGEST_IMAGE_BYTES
 LARGEST_IMAGE_PX = 150_000_000
@@ -83,10 +84,6 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
         ImageFile.LOAD_TRUNCATED_IMAGES = fills_what_is_missing
 
 
-_JOURNAL = "journal.jsonl"
-"""A folder with it is a capture session."""
-
-
 def _words(error: Exception) -> str:
     """What an error says; LibRaw's speak in bytes."""
     first = error.args[0] if error.args else ""
@@ -99,7 +96,7 @@ def read_file(path: Path, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
     try:
         return read_regular_file(path, most_bytes)
     except OSError as error:
-        if path.is_dir() and (path / _JOURNAL).is_file():
+        if path.is_dir() and (path / JOURNAL_NAME).is_file():
             raise ImageFileError(
                 f"{shown} is a capture session, not a photograph: give it as one (--session, or "
                 "standoff.Session in Python), or name photographs in it"

@@ -182,13 +182,7 @@ class ChangesTask(_Stored):
     noise: _PixelNoise
 
 
-class ThingsTask(_Stored):
-    """A pair of photographs, on half of which something happened to things."""
-
-    task: Name
-
-
-Task = TypeVar("Task", SimulationTask, AlignmentTask, ChangesTask, ThingsTask)
+Task = TypeVar("Task", SimulationTask, AlignmentTask, ChangesTask)
 
 
 class TaskList(_Stored, Generic[Task]):

@@ -13,8 +13,6 @@ from scipy.ndimage import distance_transform_edt
 from analysis.benchmark._data_set import (
     BenchmarkData,
     GivenThings,
-    TaskList,
-    ThingsTask,
     ThingsTruth,
     TrueThings,
 )
@@ -29,7 +27,6 @@ from analysis.benchmark.scores import (
     share,
     share_of_sums,
 )
-from analysis.errors import ResultsFileError
 from simulation.arrays import FloatArray, IntArray
 
 REACH_PX = 4.0
@@ -65,10 +62,6 @@ def score_things(data: BenchmarkData, files: ProgramFiles, program: str) -> Scor
         If a file of the data set or of the program cannot be used.
     """
     truth = data.read("truth/things.json", ThingsTruth)
-    tasks = data.read("things/tasks.json", TaskList[ThingsTask]).by_name
-    missing = next((name for name in truth.tasks if name not in tasks), None)
-    if missing is not None:
-        raise ResultsFileError(f"{data.folder}: task {missing} is not in things/tasks.json")
     given = files.things(truth.tasks)
     judged = [_judged(truth.tasks[name], given.get(name), data) for name in sorted(truth.tasks)]
     scores = ScoreList(program=program, track="things")

@@ -188,12 +188,12 @@ class ThingsPair(PairTask):
         if not self.is_changed:
             fates = tuple(fate.undone() for fate in fates)
         before = view.photographed([f.before for f in fates if f.before], is_followup=False)
-        reference = self._levels(before, condition, rng)
+        reference = _levels(before, condition, rng)
         if self.kind == "same":
             followup = reference
         else:
             after = view.photographed([f.after for f in fates if f.after], is_followup=True)
-            followup = self._levels(after * light[..., None], condition, rng)
+            followup = _levels(after * light[..., None], condition, rng)
         if self.kind == "mirrored":
             followup = followup[:, ::-1]
         if view.is_ink:
@@ -253,12 +253,11 @@ class ThingsPair(PairTask):
         slope, bearing_deg = float(rng.uniform(0.1, 0.3)), float(rng.uniform(0, 360))
         return float(rng.uniform(0.7, 1.25)) * gradient(self.shape, slope, bearing_deg)
 
-    def _levels(
-        self, light: FloatArray, condition: Condition, rng: np.random.Generator
-    ) -> NDArray[np.uint8]:
-        """8-bit levels with noise, shape (rows, cols, channels)."""
-        channels = [condition.levels(light[..., at], rng) for at in range(light.shape[-1])]
-        return srgb_levels(np.stack(channels, axis=-1))
+
+def _levels(light: FloatArray, condition: Condition, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """8-bit levels with noise, shape (rows, cols, channels)."""
+    channels = [condition.levels(light[..., at], rng) for at in range(light.shape[-1])]
+    return srgb_levels(np.stack(channels, axis=-1))
 
 
 def _in_two_levels(*photographs: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
