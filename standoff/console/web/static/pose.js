@@ -9,7 +9,7 @@ const LEVELS = { GO: "go", "NO GO": "no", UNSURE: "unsure" };
 const choice = new Choice();
 const [file, curve, threshold, picker] = ["curve-file", "curve-name", "min-dprime", "curve-pick"].map(byId);
 let lists = { revision: null, files: [], curves: [] };
-let askedMs = -Infinity;
+let askedMs = -Infinity, asked = 0;
 
 connection.addEventListener("state", ({ detail: { pose, control } }) => {
   verdict(pose);
@@ -28,7 +28,7 @@ function verdict(pose) {
 }
 
 function judged(chosen) {
-  if (chosen.revision !== lists.revision) fetchLists();
+  if (chosen.revision !== lists.revision && performance.now() - askedMs >= RETRY_MS) fetchLists();
   show("curve-words", Boolean(chosen.name));
   setText("curve-words", chosen.name);
   if (!choice.isSettled) return;
@@ -41,13 +41,16 @@ function judged(chosen) {
 }
 
 async function fetchLists() {
-  if (performance.now() - askedMs < RETRY_MS) return;
   askedMs = performance.now();
+  const turn = ++asked;
+  let answered;
   try {
     const answer = await fetch("/pose/curves");
     if (!answer.ok) return;
-    lists = await answer.json();
+    answered = await answer.json();
   } catch { return; } // the console is lost: asked again later
+  if (turn !== asked) return; // asked once more meanwhile: the files may be others
+  lists = answered;
   askedMs = -Infinity;
   const chosen = file.value;
   file.replaceChildren(new Option("nothing", ""), ...lists.files.map((each) => new Option(each, each)));

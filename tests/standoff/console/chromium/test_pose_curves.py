@@ -11,7 +11,7 @@ pytest.importorskip("starlette", reason="the console's extra is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import APIResponse, Browser, Page, Route
 
 from analysis.detectability import DetectabilityCurves
 from analysis.results_file import write_results
@@ -116,12 +116,37 @@ def test_a_threshold_that_cannot_be_is_refused_in_words_and_the_field_is_set_bac
 
 def test_a_file_that_cannot_be_read_is_refused_and_the_choice_is_set_back(live: LivePage) -> None:
     page = live.page
+    wait_until(lambda: "curves.json" in offered(page, "#curve-file"), "the list is there")
     (live.hub.sessions.folder / "bad.curves.json").write_text("{}")
     page.focus("#curve-file")
     wait_until(lambda: "bad.curves.json" in offered(page, "#curve-file"), "a file of meanwhile")
     page.select_option("#curve-file", "bad.curves.json")
     wait_until(lambda: "schema is None" in text(page, "#notices"), "refused")
     wait_until(lambda: page.input_value("#curve-file") == "", "set back")
+
+
+def test_a_list_that_is_asked_for_while_another_is_on_its_way_is_the_one_shown(
+    live: LivePage,
+) -> None:
+    page, held = live.page, list[tuple[Route, APIResponse]]()
+
+    def hold_the_first(route: Route) -> None:
+        if held:
+            route.continue_()
+        else:
+            held.append((route, route.fetch()))
+
+    page.route("**/pose/curves", hold_the_first)
+    page.reload()
+    page.wait_for_selector("body.mine")
+    wait_until(lambda: bool(page.evaluate("true") and held), "the first answer is held")
+    (live.hub.sessions.folder / "late.curves.json").write_text("{}")
+    page.focus("#curve-file")
+    wait_until(lambda: "late.curves.json" in offered(page, "#curve-file"), "the second answer")
+    route, first = held[0]
+    route.fulfill(response=first)
+    page.wait_for_timeout(200)
+    assert "late.curves.json" in offered(page, "#curve-file")
 
 
 def test_a_file_of_the_operator_s_computer_is_kept_and_judges_what_is_seen(
