@@ -58,7 +58,11 @@ def test_the_wheel_holds_every_module_config_template_and_photograph(tmp_path: P
     shipped = {Path(name): size for name, size in held.items() if ".dist-info/" not in name}
     assert shipped == wanted
     photographs = {path.name for path in shipped if path.parent.name == "example_photographs"}
-    assert photographs == {"nearer.png", "further.png", "LICENSE", "README.md"}
+    assert photographs == {
+        *("nearer.png", "further.png", "LICENSE"),
+        *("lantern-before.jpg", "lantern-after.jpg", "LICENSE.lantern"),
+        "README.md",
+    }
 
 
 def test_the_wheel_is_tried_on_every_python_that_it_is_for() -> None:

@@ -144,7 +144,7 @@ def _print_summary(result: library.DemoResult, out: Path) -> None:
             "measured": lambda row: f"{row[1][1]:.5f}",
         },
     )
-    terminal.say(result.real_pair.sentence, f"report: {result.report}")
+    terminal.say(result.taken_away.sentence, result.real_pair.sentence, f"report: {result.report}")
     terminal.print_next_steps(_next_steps(out, result))
 
 
@@ -152,7 +152,7 @@ def _next_steps(out: Path, result: library.DemoResult) -> list[tuple[str, str]]:
     captures = result.session / "captures"
     edges = sorted(captures.glob("*_edge-*_h0180*"))
     scene = sorted(captures.glob("*_texture-*"))[0]
-    before, after = (out / name for name in library.DEMO_PHOTOGRAPHS)
+    before, after = (out / name for name in library.LANTERN_PHOTOGRAPHS)
     line = terminal.command_line
     return [
         (

@@ -92,7 +92,7 @@ from .psf_comparison import compare_psfs as compare_psfs, psf_history as psf_his
 from .registration import alignment_hints as alignment_hints
 from .rehearsal import (
     DEMO_FILES as DEMO_FILES,
-    DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS,
+    LANTERN_PHOTOGRAPHS as LANTERN_PHOTOGRAPHS,
     DemoResult as DemoResult,
     run_demo as run_demo,
     run_paper as run_paper,

@@ -105,21 +105,25 @@ def read_image(
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ExamplePhotographs(Shown):
-    """Paths of two photographs of one scene, from two distances."""
+    """Paths of two photographs from two distances, and of two from one place, before and after."""
 
     nearer: Path
     further: Path
+    before: Path
+    after: Path
 
 
 @checked
 def example_photographs() -> ExamplePhotographs:
-    """Find the two photographs that come with standoff: a postcard, from two distances.
+    """Find the photographs that come with standoff: a postcard from two distances, and a lantern.
 
     Returns
     -------
     ExamplePhotographs
         The paths ``nearer`` and ``further`` of 8-bit sRGB PNG files of shape ``(440, 520, 3)``.
-        Both are on the pixel grid of the nearer one, and nothing changed between them.
+        Both are on the pixel grid of the nearer one, and nothing changed between them. ``before``
+        and ``after`` are JPEG files of shape ``(336, 304, 3)``: a roof with a paper lantern, and
+        the same photograph from which the lantern was taken away.
 
     Raises
     ------
@@ -129,16 +133,24 @@ def example_photographs() -> ExamplePhotographs:
     Examples
     --------
     >>> pair = standoff.example_photographs()
-    >>> found = standoff.find_changes(pair.nearer, pair.further)
+    >>> found = standoff.find_changes(pair.before, pair.after)
+    >>> [change.what for change in found.summary.changes]
+    ['gone']
 
     References
     ----------
     C. Chen, Z. Xiong, X. Tian, Z.-J. Zha, F. Wu, "Camera Lens Super-Resolution", CVPR 2019: City100
-    (MIT licence). ``README.md`` beside the photographs says what was done to them.
+    (MIT licence). The lantern: IOPaint (Apache licence 2.0). ``README.md`` beside the photographs
+    says what was done to them.
     """
     folder = Path(__file__).parents[1] / "example_photographs"
-    pair = ExamplePhotographs(nearer=folder / "nearer.png", further=folder / "further.png")
-    for path in (pair.nearer, pair.further):
+    pair = ExamplePhotographs(
+        nearer=folder / "nearer.png",
+        further=folder / "further.png",
+        before=folder / "lantern-before.jpg",
+        after=folder / "lantern-after.jpg",
+    )
+    for path in (pair.nearer, pair.further, pair.before, pair.after):
         if not path.is_file():
             raise ApplicationError(
                 f"{path.name} is not in this installation; install standoff again"

@@ -140,6 +140,12 @@ def test_the_demo_measures_the_bench_and_predicts_its_captures(
 
 
 @pytest.mark.slow
+def test_the_demo_lists_the_one_thing_that_was_taken_away(folder: Path) -> None:
+    (gone,) = json.loads((folder / "demo.json").read_text())["photographs"]["taken_away"]
+    assert gone["what"] == "gone"
+
+
+@pytest.mark.slow
 def test_a_spot_of_the_demo_is_found_where_it_exceeds_what_is_needed(folder: Path) -> None:
     found = json.loads((folder / "demo.json").read_text())["photographs"]
     assert found["changes_unpainted"] == 0

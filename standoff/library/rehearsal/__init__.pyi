@@ -5,4 +5,4 @@ from ._experiments import (
     run_paper as run_paper,
     short_bench as short_bench,
 )
-from ._real_pair import DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS
+from ._taken_away import LANTERN_PHOTOGRAPHS as LANTERN_PHOTOGRAPHS

@@ -25,6 +25,7 @@ from standoff.library.bench import devices_of, open_bench, place_in_simulation
 from standoff.library.call import Call, Progress
 from standoff.library.edges import Reading, from_session
 from standoff.library.rehearsal._real_pair import DEMO_PHOTOGRAPHS, RealPair, compare_real_pair
+from standoff.library.rehearsal._taken_away import LANTERN_PHOTOGRAPHS, TakenAway, compare_lantern
 from standoff.library.validation import (
     default_models,
     run_validation,
@@ -34,7 +35,7 @@ from standoff.library.validation import (
 from standoff.shipped_configs import shipped_config
 
 _PAGE, _PICTURE = "report.html", "comparison.png"
-DEMO_FILES = (_PAGE, _PICTURE, *DEMO_PHOTOGRAPHS)
+DEMO_FILES = (_PAGE, _PICTURE, *DEMO_PHOTOGRAPHS, *LANTERN_PHOTOGRAPHS)
 """What ``run_demo`` writes beside its session."""
 
 
@@ -73,6 +74,7 @@ class DemoResult:
     zooms: tuple[tuple[float, float], ...]
     validation: Validation
     real_pair: RealPair
+    taken_away: TakenAway
     provenance: Provenance
 
     def to_json(self) -> dict[str, Any]:
@@ -97,7 +99,10 @@ class DemoResult:
                 model: mean.mse_dn2
                 for model, mean in self.validation.means("followup-grid").items()
             },
-            "photographs": self.real_pair.to_json(),
+            "photographs": {
+                **self.real_pair.to_json(),
+                "taken_away": self.taken_away.to_json(),
+            },
             "provenance": self.provenance.model_dump(mode="json"),
         }
 
@@ -119,9 +124,9 @@ def run_demo(out: Path, config: BenchConfig, *, progress: Progress | None = None
     name = str(psf_path)
     psf = calibration.best_psf(name)
     validation = session_validation(call, session, psf, name, calibration)
-    real_pair = compare_real_pair(call, out)
+    taken_away, real_pair = compare_lantern(call, out), compare_real_pair(call, out)
     report = out / _PAGE
-    write_session_report(call, session, report, real_pair.sections())
+    write_session_report(call, session, report, (taken_away.section(), *real_pair.sections()))
     furthest = furthest_pair(session, validation, psf)
     write_file(out / _PICTURE, png_bytes(plot_furthest(furthest)))
     truth = BenchTruth(config)
@@ -136,6 +141,7 @@ def run_demo(out: Path, config: BenchConfig, *, progress: Progress | None = None
         ),
         validation=validation,
         real_pair=real_pair,
+        taken_away=taken_away,
         provenance=call.provenance_of(session),
     )
 

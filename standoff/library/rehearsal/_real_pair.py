@@ -106,12 +106,12 @@ class RealPair:
         return (
             replace(
                 changes,
-                title="Two real photographs: what changed",
+                title="From two distances: what changed",
                 text=(*self._story(), *changes.text),
             ),
             replace(
                 missed,
-                title="Two real photographs: what could have been missed",
+                title="From two distances: what could have been missed",
                 text=(*self._limits(), *missed.text),
             ),
         )

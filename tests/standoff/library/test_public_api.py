@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 import standoff
 from simulation.arrays import FloatArray
@@ -105,10 +106,29 @@ def test_a_photograph_may_stand_alone(edge_files: list[str]) -> None:
 def test_the_example_photographs_are_those_of_their_readme() -> None:
     pair = standoff.example_photographs()
     told = (pair.nearer.parent / "README.md").read_text("utf-8")
-    for path in (pair.nearer, pair.further):
+    for path in (pair.nearer, pair.further, pair.before, pair.after):
         assert path.name in told
-        assert standoff.read_image(path).grey_dn.shape == (440, 520)
+        is_postcard = path in (pair.nearer, pair.further)
+        shape = (440, 520) if is_postcard else (336, 304)
+        assert standoff.read_image(path).grey_dn.shape == shape
     assert "MIT License" in (pair.nearer.parent / "LICENSE").read_text("utf-8")
+    assert "Apache License" in (pair.before.parent / "LICENSE.lantern").read_text("utf-8")
+
+
+def test_a_lantern_that_somebody_took_away_is_gone_and_nothing_else_has_changed() -> None:
+    pair = standoff.example_photographs()
+    (gone,) = standoff.find_changes(pair.before, pair.after).summary.changes
+    before, after = (
+        np.asarray(Image.open(path).convert("RGB"), dtype=np.int64)
+        for path in (pair.before, pair.after)
+    )
+    y, x = np.nonzero(np.abs(before - after).max(axis=2) > 60)  # the lantern, and little else
+    assert gone.what == "gone"
+    assert (gone.x_px, gone.y_px) == pytest.approx((np.median(x), np.median(y)), abs=3)
+    assert gone.area_px == pytest.approx(x.size, rel=0.15)
+    back = standoff.find_changes(pair.after, pair.before).summary.changes
+    assert [change.what for change in back] == ["new"]
+    assert standoff.find_changes(pair.before, pair.before).summary.changes == ()
 
 
 def test_a_psf_comes_back_from_its_file(edges: list[FloatArray], tmp_path: Path) -> None:
