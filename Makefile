@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Nothing is installed or built but what requirements/ has the hash of: docs/installed.md.
 PIP := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip --disable-pip-version-check install --quiet \
-	--no-deps --no-build-isolation
+	--no-deps --no-build-isolation --no-compile
 LOCKED := $(PIP) --require-hashes -r requirements
 CORE := $(VENV)/.core-installed
 FULL := $(VENV)/.full-installed
