@@ -5,12 +5,14 @@ python -m benchmarks [NAME...] [--quick] [--jobs N] [--out DIR] [--page docs/ben
 Each benchmark is a process of its own, so that none meets the caches and threads of another. What
 it prints goes to ``DIR/NAME.txt`` and then to the terminal, its figures to ``DIR/NAME.jsonl``,
 those of all to ``DIR/benchmarks.jsonl``. With ``--resume``, a run that was interrupted goes on
-where it ended.
+where it ended. Where only some are run, a page keeps its sections of the others; each says of which
+commit it is.
 """
 
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -116,40 +118,44 @@ def read_runs(path: Path) -> tuple[list[dict[str, object]], list[Figure]]:
     return heads, figures
 
 
-def benchmark_page(
-    path: Path, *, plot: str, is_quick: bool, failed: Iterable[str] = (), note: str = ""
-) -> str:
-    """Write the page in Markdown."""
+def benchmark_page(path: Path, *, plot: str, mode: str, kept: dict[str, str] | None = None) -> str:
+    """Write the page in Markdown, with sections of an earlier one for what was not run."""
     heads, figures = read_runs(path)
     facts: dict[str, str] = {}
+    sections = dict(kept or {})
     for head in heads:
-        found = head["environment"]
+        name, found = str(head["benchmark"]), head["environment"]
         if isinstance(found, dict):
             facts |= found
-    mode = (
-        " This run was `--quick`: each thing was timed briefly, and other programs ran beside it."
-        if is_quick
-        else ""
+        sections[name] = _section(head, [one for one in figures if one.benchmark == name])
+    names = sorted(sections)
+    heading = HEADING.format(
+        mode=mode,
+        environment=environment_line(facts) + ".",
+        contents=", ".join(f"[{name}](#{name})" for name in names),
+        plot=plot,
     )
-    mode += f" {note}" if note else ""
-    links = ", ".join(f"[{head['benchmark']}](#{head['benchmark']})" for head in heads)
-    parts = [
-        HEADING.format(
-            mode=mode, environment=environment_line(facts) + ".", contents=links, plot=plot
-        )
-    ]
-    parts += [f"`{name}` could not run here.\n" for name in failed]
-    for head in heads:
-        name = head["benchmark"]
-        rows = [figure for figure in figures if figure.benchmark == name]
-        parts.append(f"## {name}\n")
-        if head["note"]:
-            parts.append(f"{head['note']}.\n")
-        parts.append("| figure | ours | peer | peer's | times |")
-        parts.append("| --- | ---: | --- | ---: | ---: |")
-        parts += [_row(figure) for figure in rows]
-        parts.append("")
-    return "\n".join(parts).rstrip() + "\n"
+    return "\n".join([heading, *(sections[name] for name in names)]).rstrip() + "\n"
+
+
+def _section(head: dict[str, object], figures: Iterable[Figure]) -> str:
+    """A benchmark's part of the page: what was run, of which commit, and its figures."""
+    remarks = [f"{head['note']}."] if head["note"] else []
+    if head.get("commit"):
+        remarks.append(f"Commit {head['commit']}.")
+    lines = [f"## {head['benchmark']}\n"]
+    if remarks:
+        lines.append(" ".join(remarks) + "\n")
+    lines.append("| figure | ours | peer | peer's | times |")
+    lines.append("| --- | ---: | --- | ---: | ---: |")
+    return "\n".join([*lines, *map(_row, figures), ""])
+
+
+def sections_of(page: str) -> dict[str, str]:
+    """The sections of a page that has been written before, by the name of their benchmark."""
+    parts = re.split(r"^## ", page, flags=re.MULTILINE)[1:]
+    named = ((part.partition("\n")[0], f"## {part.rstrip()}\n") for part in parts)
+    return {name: section for name, section in named if name in modules()}
 
 
 def _row(figure: Figure) -> str:
@@ -193,14 +199,21 @@ def main() -> int:
         ]
     lines = run.joined(chosen)
     page = given.page or given.out / "benchmarks.md"
-    at_once = f"{given.jobs} ran at a time, one a core." if given.jobs > 1 else ""
+    remarks = (
+        f"{given.jobs} ran at a time, one a core." if given.jobs > 1 else "",
+        "This run was `--quick`: each thing was timed briefly, and other programs ran beside it."
+        if given.quick
+        else "",
+        f"Could not run here: {', '.join(failed)}." if failed else "",
+        given.note,
+    )
+    written = page.read_text("utf-8") if page.is_file() else ""
     page.write_text(
         benchmark_page(
             lines,
             plot=os.path.relpath(plot, page.parent),
-            is_quick=given.quick,
-            failed=failed,
-            note=" ".join(one for one in (at_once, given.note) if one),
+            mode="".join(f" {remark}" for remark in remarks if remark),
+            kept=sections_of(written) if given.names else None,
         ),
         encoding="utf-8",
     )

@@ -17,6 +17,7 @@ import json
 import multiprocessing
 import os
 import platform
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -140,7 +141,8 @@ def benchmark(
             facts = environment(packages)
             remark = "; ".join(filter(None, (note.format(**options), "quick" * is_quick)))
             record.say(environment_line(facts) + (f"; {remark}" if remark else ""))
-            record.write({"benchmark": name, "environment": facts, "note": remark})
+            head = {"benchmark": name, "environment": facts, "note": remark}
+            record.write({**head, "commit": measured_commit()})
             function(record, **options)
             record.write({"benchmark": name, "figures": len(record.figures)})
 
@@ -196,6 +198,39 @@ def environment(packages: Iterable[str] = ()) -> dict[str, str]:
         "Python": platform.python_version(),
     }
     return facts | {name: version(name) for name in packages}
+
+
+MEASURED = (
+    "acquisition",
+    "analysis",
+    "benchmarks",
+    "calibration",
+    "hil_mocks",
+    "simulation",
+    "standoff",
+)
+"""What figures are of: a commit that changes documents or tests alone leaves them as they are."""
+
+
+def measured_commit(checkout: Path = Path(__file__).parents[1]) -> str:
+    """The last commit that changed what is measured, with a + if files differ from it; or nothing.
+
+    Outside a checkout of git, nobody knows.
+    """
+    try:
+        last, edited = (
+            subprocess.run(
+                ["git", *words, "--", *MEASURED],
+                cwd=checkout,
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout.strip()
+            for words in (("log", "-1", "--format=%h"), ("status", "--porcelain"))
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return last + "+" * bool(edited)
 
 
 def environment_line(facts: dict[str, str]) -> str:
