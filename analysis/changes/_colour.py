@@ -19,6 +19,7 @@ from typing import Final
 import cv2
 import lazy_loader as lazy
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from acquisition.photographs import REC601_LUMA
 from analysis.changes.matching import calibrated_factor, sampled, smoothed
@@ -148,9 +149,16 @@ def colour_planes(
     own, own_sd = _calibrated(mixed, sds[0], luma, None, smoothing_px)
     luma = replace(luma, difference_dn=own)
     shares = [channel.structure_share for channel in (luma, red, blue)]
+    of_red, _, of_blue = (np.float32(weight) for weight in REC601_LUMA)
     with_luma, red_blue, with_luma_2 = (
-        _correlation(((luma, red, blue)[i], (luma, red, blue)[j]), (shares[i], shares[j]), valid)
-        for i, j in ((0, 1), (1, 2), (0, 2))
+        _correlation(
+            ((luma, red, blue)[i], (luma, red, blue)[j]), (shares[i], shares[j]), own_share, valid
+        )
+        for i, j, own_share in (
+            (0, 1, of_red * sds[1] / sds[0]),
+            (1, 2, None),
+            (0, 2, of_blue * sds[2] / sds[0]),
+        )
     )
     own_red = np.sqrt(1 - with_luma**2)
     # Of blue in standard deviations, by the second plane in its own.
@@ -209,9 +217,15 @@ def _least_sd(channel: ChannelDifference, sd: Float32Array, valid: BoolArray) ->
 def _correlation(
     pair: tuple[ChannelDifference, ChannelDifference],
     shares: tuple[Float32Array, Float32Array],
+    own_share: Float32Array | None,
     valid: BoolArray,
 ) -> Float32Array:
-    """Correlation of two channels' differences at each pixel, by noise and by structure."""
+    """Correlation of two channels' differences at each pixel, by noise and by structure.
+
+    ``own_share``: of the luma's standard deviation, what the other channel makes by itself. Where
+    noise does not tie the channels together, it is that much of the luma's, which differs with the
+    colour of the scene; None of two channels.
+    """
     rows, cols = sampled(valid, _SAMPLE_PX)
     noise = np.sqrt((1 - shares[0]) * (1 - shares[1]))
     # What an end of the scale hides is not the other's noise.
@@ -228,20 +242,19 @@ def _correlation(
     if not counts.any():
         return np.zeros_like(noise)
     product = scaled[0][counts] * scaled[1][counts] / _CLIPPED_VARIANCE
-    by_noise = noise[rows, cols][counts].astype(np.float64)
-    mean_share = max(float(share[rows, cols].mean()) for share in shares)
-    if mean_share < _LEAST_STRUCTURE:
-        factor = float(by_noise @ product) / max(float(by_noise @ by_noise), 1e-12)
-        return np.asarray(np.clip(np.float32(factor) * noise, -_MOST, _MOST), dtype=np.float32)
-    alike = _slopes_alike(pair[0].seen_dn, pair[1].seen_dn)
-    structure = alike * np.sqrt(shares[0] * shares[1])
-    by_structure = structure[rows, cols][counts].astype(np.float64)
-    design = np.stack([by_noise, by_structure], axis=1)
-    normal = design.T @ design
-    normal[np.diag_indices(2)] += 1e-6 * max(float(np.trace(normal)), 1e-12)
-    of_noise, of_structure = np.linalg.solve(normal, design.T @ product).tolist()
-    total = np.float32(np.clip(of_noise, -1, 1)) * noise
-    total += np.float32(np.clip(of_structure, 0, _MOST_STRUCTURE)) * structure
+    parts = [(noise, -1.0, 1.0)]
+    if own_share is not None:
+        parts.append((noise * np.minimum(own_share, np.float32(1)), 0.0, 1.0))
+    if max(float(share[rows, cols].mean()) for share in shares) >= _LEAST_STRUCTURE:
+        alike = _slopes_alike(pair[0].seen_dn, pair[1].seen_dn)
+        parts.append((alike * np.sqrt(shares[0] * shares[1]), 0.0, _MOST_STRUCTURE))
+    design = np.stack([image[rows, cols][counts] for image, *_ in parts], axis=1).astype(np.float64)
+    scale = np.maximum(np.sqrt(np.mean(design**2, axis=0)), 1e-6)
+    low, high = np.array([limits for _, *limits in parts]).T * scale
+    sizes = lsq_linear(design / scale, product, (low, high)).x / scale
+    total = np.zeros_like(noise)
+    for size, (image, *_) in zip(sizes.tolist(), parts, strict=True):
+        total += np.float32(size) * image
     return np.asarray(np.clip(total, -_MOST, _MOST), dtype=np.float32)
 
 

@@ -200,7 +200,6 @@ class _Matched:
         smoothing = smoothing_for(softer_px2)
         valid = pair.valid(smoothing)
         seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
-        terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions, pair.tone_slope)
         known = [
             noise.variance_dn2(image).astype(np.float32) if one is None and noise else one
             for one, image in zip(pair.known_variances(smoothing), (target, seen), strict=True)
@@ -212,6 +211,9 @@ class _Matched:
             own, other = (np.float32(0) if one is None else one for one in known)
             floor = np.asarray(np.float32(gains.target) * own + np.float32(gains.source) * other)
         steps = pair.rounding_variance_dn2(gains, smoothing)
+        terms = VarianceTerms.of(
+            seen, pair.source, pair.target, pair.positions, pair.tone_slope, steps
+        )
         least = floor if steps is None else steps if floor is None else np.maximum(floor, steps)
         # Its mean has no noise that goes with that of the difference.
         noises = (gains.source * blur.noises_dn[0] ** 2, gains.target * blur.noises_dn[1] ** 2)

@@ -395,8 +395,10 @@ class Trial:
         return self.spot_cost_on(self._pixels(1.0))
 
     def spot_cost_on(self, pixels: FloatArray) -> float:
-        """The same on some of the pixels."""
+        """The same on some of the pixels; a spot leaves nothing where none of them stands out."""
         stands_out = np.abs(pixels[:, 4])
+        if not stands_out.any():
+            return 0.0
         # The ring stands out by its noise alone, which is not to widen the start.
         weight = np.where(stands_out > 0.3 * stands_out.max(), stands_out, 0.0)
         weight /= weight.sum()

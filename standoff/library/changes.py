@@ -470,7 +470,8 @@ def _together(one: Float32Array | None, other: Float32Array | None) -> Float32Ar
 def _coded_alike(near: Photograph, far: Photograph, colours: PairColours | None) -> CodedAlike:
     """Levels of both as files that are coded alike hold them, if that makes them more alike.
 
-    A file that was made of the other one is not to be coded a second time.
+    A file that was made of the other one is not to be coded a second time: most of its levels are
+    the other's to less than what coding changes.
     """
     given = near.grey_dn, far.grey_dn
     if colours is not None:
@@ -481,10 +482,16 @@ def _coded_alike(near: Photograph, far: Photograph, colours: PairColours | None)
         return as_given
     alike = recoded[0].grey_dn, recoded[1].grey_dn
     apart, still_apart = (float(np.mean(np.abs(one - other))) for one, other in (given, alike))
-    if not still_apart < apart:
+    coding = max(_typical_difference(*each) for each in zip(given, alike, strict=True))
+    if not (still_apart < apart or _typical_difference(*given) > coding):
         return as_given
     steps = recoded[0].file_steps, recoded[1].file_steps
     return CodedAlike(photographs=alike, colours=_colours(*recoded, steps, are_coded_alike=True))
+
+
+def _typical_difference(one: FloatArray, other: FloatArray) -> float:
+    """Median of the absolute difference, which no change of a part of the frame moves."""
+    return float(np.median(np.abs(one - other)))
 
 
 def _variance_dn2(photograph: Photograph) -> Float32Array | None:

@@ -27,7 +27,13 @@ from analysis.changes.matching._matching_kernel import (
     white_noise_gain,
 )
 from analysis.changes.matching._smoothed_warp import light_at_first, pixel_noise_dn, sampled
-from analysis.changes.matching._variance import GRADIENT, LAPLACIAN, VarianceTerms, fit_sizes
+from analysis.changes.matching._variance import (
+    GRADIENT,
+    LAPLACIAN,
+    VarianceTerms,
+    fit_sizes,
+    is_noise,
+)
 from analysis.changes.matching.relative_blur import Smoothing
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
@@ -390,7 +396,7 @@ class FittedScatter:
         shares = np.mean(parts / whole, axis=1)
         # What varies of a displacement is in the kernel to first order; its square is left as blur.
         bent = fit.model.kernel.varying_shift_px2**2 * float(np.mean(at[LAPLACIAN] / whole))
-        noise_dn2 = float(np.mean(np.maximum(parts[:GRADIENT].sum(axis=0), floor)))
+        noise_dn2 = float(np.mean(np.maximum(parts[is_noise(len(parts))].sum(axis=0), floor)))
         source_dn = pixel_noise_dn(images[0])
         target_dn = pixel_noise_dn(images[1], valid)
         white_dn2 = gains.source * source_dn**2 + gains.target * target_dn**2

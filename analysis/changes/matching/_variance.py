@@ -3,8 +3,10 @@
 Each term is an image: the level between the darkest and the brightest, either way, for noise that
 may depend on it, half the squared gradient of the source for an alignment that is wrong by so much
 (a shift by ``e`` px makes ``e |gradient|``), a quarter of its squared Laplacian for a wrong blur,
-and the power of the finest detail of either photograph for aliasing, compression and sharpening.
-Their sizes are fitted to the squares of the difference, most of which holds no change.
+and the power of the finest detail of either photograph for aliasing, compression and sharpening;
+where the steps of a file are not all alike in light, as with sRGB, their square, for noise that is
+even in the stored levels. Their sizes are fitted to the squares of the difference, most of which
+holds no change.
 
 Pixels are then sorted into bins by their predicted variance. Where its terms do not hold, such as
 on the sharpest edges or with heavy tails, the differences in the bin tell.
@@ -43,6 +45,8 @@ GRADIENT, LAPLACIAN = 2, 3
 """Places of these terms among the sizes."""
 
 _STRUCTURES = 4
+_UNLIKE_STEPS = 1.5
+"""Variance of the coarse steps of a file over that of the fine ones, from which on it is a term."""
 
 _DARKEST, _BRIGHTEST = 0.1, 99.9
 """Percentiles."""
@@ -54,7 +58,8 @@ class VarianceTerms:
 
     ``level``: from 0 at the darkest to 1 at the brightest. The first size is the variance at 0, the
     second that at 1. ``others``: squared gradient, squared Laplacian, the finest detail of target
-    and source, and, if the target was given another tone curve, its squared slope.
+    and source; then, of noise, the variance of the files' steps where these are not alike, and the
+    squared slope of the target's tone curve, if it was given another one.
     """
 
     level: Float32Array
@@ -68,9 +73,11 @@ class VarianceTerms:
         target: Float32Array,
         positions: PixelPositions,
         tone_slope: Float32Array | None = None,
+        steps_dn2: Float32Array | None = None,
     ) -> Self:
         """Compute the terms.
 
+        ``steps_dn2``: variance of the difference by the steps of the files, where it is known.
         ``tone_slope``: slope of the tone curve that was applied to the target, if one was: its
         noise is that many times as large.
         """
@@ -82,6 +89,10 @@ class VarianceTerms:
             _without_background(_finest_detail(target)),
             _without_background(source_detail),
         ]
+        if steps_dn2 is not None:
+            fine, coarse = np.percentile(steps_dn2[::_PERCENTILE_STEP, ::_PERCENTILE_STEP], [5, 95])
+            if coarse > _UNLIKE_STEPS * fine:
+                others.append(steps_dn2)
         if tone_slope is not None:
             others.append(smoothed(tone_slope * tone_slope, 1.0))
         return cls(level=_level(seen), others=tuple(others))
@@ -103,14 +114,23 @@ class VarianceTerms:
 
     def noise_sizes(self, sizes: FloatArray) -> FloatArray:
         """Return the sizes with those of gradient, Laplacian and fine detail set to 0."""
-        is_noise = np.ones(len(sizes), dtype=np.bool_)
-        is_noise[GRADIENT : GRADIENT + _STRUCTURES] = False
-        return np.asarray(sizes * is_noise)
+        return np.asarray(sizes * is_noise(len(sizes)))
 
     def noise_dn2(self, sizes: FloatArray, valid: BoolArray) -> float:
-        """Mean variance by the level alone, which is noise."""
+        """Mean variance by noise."""
         level = float(self.level[valid].mean())
-        return float((1 - level) * sizes[0] + level * sizes[1])
+        further = zip(
+            sizes[GRADIENT + _STRUCTURES :].tolist(), self.others[_STRUCTURES:], strict=True
+        )
+        by_others = sum(size * float(image[valid].mean()) for size, image in further)
+        return float((1 - level) * sizes[0] + level * sizes[1] + by_others)
+
+
+def is_noise(terms: int) -> BoolArray:
+    """Which of so many terms are noise: all but gradient, Laplacian and fine detail."""
+    found = np.ones(terms, dtype=np.bool_)
+    found[GRADIENT : GRADIENT + _STRUCTURES] = False
+    return found
 
 
 def _level(image: Float32Array) -> Float32Array:

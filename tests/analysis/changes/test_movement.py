@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.special import erf
 
 from analysis.changes._movements import ChangedRegion, Movement, find_movements
-from analysis.changes._trial import Images, shift_information
+from analysis.changes._trial import Images, Trial, shift_information
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import smoothed_noise, smoothed_spot
 
@@ -252,3 +252,15 @@ def test_a_thing_that_moved_over_a_plain_ground_by_more_than_its_size_has_moved(
     (found,) = movements(compared(before, after))
     assert len(found.regions) == 2
     assert found.displacement_px == pytest.approx((6.0, 12.0), abs=0.3)
+
+
+def test_pixels_that_do_not_differ_are_left_by_a_spot_without_anything() -> None:
+    """As of a thing whose colour alone has changed: its brightness is the same to the bit."""
+    spot = smoothed_spot(SHAPE, (44.0, 34.0), 40.0, 2.0, SMOOTHING_PX)
+    images = compared(waves(3, 6.0)(Y, X), waves(3, 6.0)(Y, X) + spot, seed=None)
+    trial = Trial(images, *np.nonzero(spot > 1.0), 8.0)
+    pixels = np.column_stack([Y.ravel(), X.ravel(), *np.zeros((6, Y.size))])
+    assert trial.spot_cost_on(pixels) == 0.0
+    assert trial.spot_cost_on(pixels[:0]) == 0.0
+    pixels[:, 3], pixels[:, 4] = SD_DN, spot.ravel() / SD_DN
+    assert 0 < trial.spot_cost_on(pixels) < 0.02 * float((pixels[:, 4] ** 2).sum())
