@@ -258,7 +258,8 @@ def test_pixels_that_do_not_differ_are_left_by_a_spot_without_anything() -> None
     """As of a thing whose colour alone has changed: its brightness is the same to the bit."""
     spot = smoothed_spot(SHAPE, (44.0, 34.0), 40.0, 2.0, SMOOTHING_PX)
     images = compared(waves(3, 6.0)(Y, X), waves(3, 6.0)(Y, X) + spot, seed=None)
-    trial = Trial(images, *np.nonzero(spot > 1.0), 8.0)
+    rows, cols = np.nonzero(spot > 1.0)
+    trial = Trial(images, rows, cols, 8.0)
     pixels = np.column_stack([Y.ravel(), X.ravel(), *np.zeros((6, Y.size))])
     assert trial.spot_cost_on(pixels) == 0.0
     assert trial.spot_cost_on(pixels[:0]) == 0.0
