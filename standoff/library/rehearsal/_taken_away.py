@@ -16,10 +16,7 @@ from standoff.library.call import Call
 from standoff.library.changes import ComparedPhotographs, find_changes
 from standoff.library.photographs import example_photographs
 
-LANTERN_PHOTOGRAPHS = _BEFORE, _AFTER = (
-    "photographs/lantern-before.jpg",
-    "photographs/lantern-after.jpg",
-)
+LANTERN_PHOTOGRAPHS = "photographs/lantern-before.jpg", "photographs/lantern-after.jpg"
 """Files below the demo's folder: the photograph with the lantern, and the one without."""
 
 
