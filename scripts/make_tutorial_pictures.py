@@ -4,6 +4,7 @@ Run with ``python -m scripts.make_tutorial_pictures [--folder docs/images]``; it
 """
 
 import argparse
+import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -16,10 +17,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import standoff
+from scripts.report_pictures import save_picture
 from tests.docs.blocks import CHECKOUT, blocks, terminal
 
 READ = ("configs", "tests/data", "standoff/example_photographs")
 Picture = NDArray[np.uint8]
+OPERATOR = "ada"
 FREQUENCIES = np.linspace(0, 0.5, 101)
 
 
@@ -82,11 +85,12 @@ def _save(path: Path, picture: Picture) -> None:
 
 
 def _draw_operator(folder: Path, images: Path) -> None:
-    """The sweep's plot, and the four placements."""
+    """The sweep's plot, the four placements, and the top of the report."""
     _save(images / "tutorial-focus.png", _smaller(read(folder / "focus.png"), 640))
     placed = sorted((folder / "session" / "captures").glob("*_h0200.000mm.tif"))
     small = [_grey(path, 3000)[::2, ::2] for path in placed]
     _save(images / "tutorial-targets.png", _beside(small))
+    save_picture(folder / "session" / "results" / "report.html", images / "report-session.jpg")
 
 
 def _draw_lens(folder: Path, images: Path) -> None:
@@ -159,6 +163,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=CHECKOUT / "docs" / "images")
     images = parser.parse_args().folder
     mpl.rcParams["font.size"] = 9
+    os.environ["LOGNAME"] = OPERATOR
     with tempfile.TemporaryDirectory() as scratch:
         for name, draw in DRAWN.items():
             draw(_run_tutorial(name, Path(scratch) / name / "standoff"), images)
