@@ -14,8 +14,8 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 
-OF_THE_DEMO = (("edges",), ("profiles", "demo", "changes"))
-EVERYTHING = (("edges", "benchmark"), ("profiles", "demo", "changes", "pairs"))
+OF_THE_DEMO = (("edges", "profiles"), ("demo", "changes"))
+EVERYTHING = (("edges", "profiles", "benchmark"), ("demo", "changes", "pairs"))
 """What ``standoff.warm_up`` compiles, a process each: one compiles one function at a time."""
 
 COMPILED_PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks")

@@ -7,7 +7,7 @@ the middle of a measurement: in two processes, as one compiles one function at a
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from itertools import product
@@ -39,13 +39,16 @@ from calibration.registration import DistortedPose, RegistrationHints, register_
 from hil_mocks.benchmark_set import benchmark_tasks
 from hil_mocks.truth import PeriodicImage
 from simulation.arrays import FloatArray
+from simulation.pose import PoseOptions
 from simulation.psf import GaussianPsf
+from simulation.uncertainty import KnownErrors, SimulatedView, pixel_uncertainty
 from standoff.cli import run
 from standoff.compile_notice import when_compiling
 from standoff.compiled_cache import EVERYTHING, compile_ahead, drop_stale_code
 from standoff.library import open_bench
 from standoff.shipped_configs import shipped_config
 
+Place = tuple[int, int]
 _SIDE_PX = 160
 _FINER = 8
 _ZOOM = 1.25
@@ -127,10 +130,11 @@ def _validate(rng: np.random.Generator) -> None:
     near = texture(rng)
     fewer = (round(len(near) / _ZOOM),) * 2
     far = np.asarray(cv2.resize(near, fewer, interpolation=cv2.INTER_AREA), dtype=np.float64)
-    register_images(
-        near, far, GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8), RegistrationHints(zoom=_ZOOM)
-    )
+    psf = GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8)
+    pose = register_images(near, far, psf, RegistrationHints(zoom=_ZOOM)).pose
     scaled_up(far, _ZOOM, near.shape)
+    view = SimulatedView.of_pose(near.shape, pose.matrix, far.shape[::-1], PoseOptions())
+    pixel_uncertainty(view, near, psf, KnownErrors(noise_dn2=np.ones_like(near)))
 
 
 def _run(commands: tuple[str, ...], rng: np.random.Generator) -> None:
@@ -177,8 +181,9 @@ def _profiles(rng: np.random.Generator) -> None:
     even = without_shading(samples, image, segment, fit)
     border_flags(even, fit, is_jpeg=False)
     binned = bin_edge(even, fit)
-    if binned is not None:
-        measure_esfr(binned)
+    found = None if binned is None else measure_esfr(binned)
+    if found is not None:
+        found.esf(np.zeros(1))
     roughness_px(samples, fit.sigma_px)
 
 
@@ -188,11 +193,14 @@ def _demo(rng: np.random.Generator) -> None:
     _run(_OF_THE_DEMO, rng)
 
 
-def _moved_things(rng: np.random.Generator) -> None:
-    """What a comparison computes where something changed: a patch that moved over its ground."""
+def _moved_things(rng: np.random.Generator, side_px: int, places: Sequence[Place]) -> None:
+    """What a comparison computes where things changed: patches, moved or nearer than the rest."""
     before, beneath = texture(rng), texture(rng)
     after = before.copy()
-    before[60:90, 60:100], after[62:92, 61:101] = beneath[60:90, 60:100], beneath[60:90, 60:100]
+    for top, left in places:
+        thing = beneath[top : top + side_px, left : left + side_px]
+        before[top : top + side_px, left : left + side_px] = thing
+        after[top + 2 : top + 2 + side_px, left + 1 : left + 1 + side_px] = thing
     pose = DistortedPose(
         matrix=np.eye(3), k1=0.0, reference_shape=before.shape, followup_shape=after.shape
     )
@@ -201,8 +209,9 @@ def _moved_things(rng: np.random.Generator) -> None:
 
 
 def _changes(rng: np.random.Generator) -> None:
+    _moved_things(rng, 12, ((20, 20), (90, 90)))
+    _moved_things(rng, 36, ((20, 20), (20, 100), (90, 60)))
     _run((*_OF_THE_DEMO[:1], *_OF_CHANGES), rng)
-    _moved_things(rng)
 
 
 def _pairs(rng: np.random.Generator) -> None:
