@@ -14,6 +14,7 @@ from skimage import data
 import standoff
 from analysis.changes import ChangeSummary, describe_focus
 from simulation.arrays import FloatArray
+from simulation.choices import MODELS, POSE_MODELS
 from tests.shipped import shipped
 
 PICTURES = ("astronaut", "camera", "page", "retina")
@@ -64,6 +65,17 @@ def test_a_copy_is_no_change_and_as_sharp(tmp_path: Path, name: str, copy: str |
         # Drawn by nobody's chance: the copies' errors are those of their files alone.
         assert abs(summary.gain - 1) <= 3 * summary.gain_err + 1e-6
         assert "as sharp as" in str(describe_focus(summary))
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_from_where_it_was_taken_a_photograph_is_itself(name: str) -> None:
+    psf = standoff.GaussianPsf(sigma_x_px=0.76, sigma_y_px=0.67, rho=0.12)
+    for model in MODELS:
+        seen = standoff.simulate(part(name), zoom=1, psf=psf, model=model).image
+        np.testing.assert_array_equal(seen, part(name))
+    for posed in POSE_MODELS:
+        seen = standoff.simulate(part(name), homography=np.eye(3), psf=psf, model=posed).image
+        np.testing.assert_allclose(seen, part(name), atol=1e-3)  # of 255, in single precision
 
 
 def test_a_copy_that_says_no_encoding_is_taken_as_the_other_one(tmp_path: Path) -> None:
