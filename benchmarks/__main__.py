@@ -197,6 +197,9 @@ def main() -> int:
         failed = [
             name for name, ok in zip(chosen, pool.map(run.run, chosen), strict=True) if not ok
         ]
+    if len(failed) == len(chosen):
+        print(f"failed: {', '.join(failed)}", file=sys.stderr)
+        return 1
     lines = run.joined(chosen)
     page = given.page or given.out / "benchmarks.md"
     remarks = (

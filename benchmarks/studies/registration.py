@@ -139,7 +139,7 @@ def _peer_error_px(
     "numpy",
     "scipy",
     "opencv-contrib-python-headless",
-    note="{width_px} px wide, {FRAMES} frames averaged",
+    note=f"{{width_px}} px wide, {FRAMES} frames averaged",
 )
 def main(record: Recorder, *, width_px: int = 780) -> None:
     _judge(record, width_px)

@@ -1,12 +1,14 @@
 """The page of the benchmarks: what was run anew takes the place of its section, the rest stays."""
 
+import ast
 import json
 import subprocess
 from pathlib import Path
+from string import Formatter
 
 import pytest
 
-from benchmarks.__main__ import benchmark_page, modules, sections_of
+from benchmarks.__main__ import FOLDER, benchmark_page, modules, sections_of
 from benchmarks.harness import MEASURED, measured_commit
 
 FACTS = {"processor": "a processor", "cores": "2", "system": "Linux x86_64", "Python": "3.11"}
@@ -71,3 +73,19 @@ def test_figures_are_of_the_last_commit_that_changed_what_is_measured(tmp_path: 
 @pytest.mark.parametrize("name", MEASURED)
 def test_what_is_measured_is_there(name: str) -> None:
     assert (Path(__file__).parents[2] / name / "__init__.py").is_file()
+
+
+def text_of(note: ast.expr) -> str:
+    """What a note says, with a word for each value that the module fills in."""
+    parts = note.values if isinstance(note, ast.JoinedStr) else [note]
+    return "".join(str(one.value) if isinstance(one, ast.Constant) else "value" for one in parts)
+
+
+@pytest.mark.parametrize(("name", "module"), modules().items())
+def test_the_note_of_a_benchmark_names_its_options_alone(name: str, module: str) -> None:
+    tree = ast.parse((FOLDER / module.split(".")[1] / f"{name}.py").read_text("utf-8"))
+    [main] = [one for one in tree.body if isinstance(one, ast.FunctionDef) and one.name == "main"]
+    [declared] = [one for one in main.decorator_list if isinstance(one, ast.Call)]
+    notes = [text_of(word.value) for word in declared.keywords if word.arg == "note"]
+    named = {field for note in notes for _, field, *_ in Formatter().parse(note) if field}
+    assert named <= {one.arg for one in main.args.kwonlyargs}
