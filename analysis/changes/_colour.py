@@ -12,9 +12,9 @@ IEC 61966-2-1:1999, section 5.2: from linear sRGB to XYZ. CIE 142-2001 and G. Sh
 E. N. Dalal, "The CIEDE2000 color-difference formula", Color Res. Appl. 30 (2005), 21-30.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, Self
 
 import cv2
 import lazy_loader as lazy
@@ -80,10 +80,69 @@ _LEAST_OF_STEPS, _LEAST_OF_USUAL = 0.3, 0.03
 and over the frame's."""
 
 _WINDOW_PX = 1.5
+_HIDDEN_SD = 3.0
+"""Standard deviations of a difference of the wrong sign that are noise."""
+
 _LEAST_SPREAD = 1e-3
 _LEAST_DN2 = np.float32(1e-12)
 _OWN_ROUNDING = np.float32(0.25)
 """Least share of a channel's variance by the steps of its file that is not the luma's too."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bounds:
+    """The least and the most that a difference can be, as an end of the scale hides a part of it.
+
+    Noise is about 0 in both, while what is surely there of each pixel has one sign, and adds up
+    behind a wide filter. ``hidden``: 1 where a part is hidden, or the share of such pixels.
+    """
+
+    least_dn: Float32Array = field(repr=False)
+    most_dn: Float32Array = field(repr=False)
+    hidden: Float32Array = field(repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        difference_dn: Float32Array,
+        sd_dn: Float32Array,
+        may_be_more: BoolArray,
+        may_be_less: BoolArray,
+    ) -> Self | None:
+        """Bounds of a difference that may be larger, or smaller, at some pixels; None at none.
+
+        What is of the wrong sign by more than noise is hidden and tells nothing.
+        """
+        hidden = may_be_more | may_be_less
+        if not hidden.any():
+            return None
+        far = np.float32(_HIDDEN_SD) * sd_dn
+        least = difference_dn.copy()
+        least[(may_be_more & (least < -far)) | (may_be_less & (least > far))] = 0
+        most = least.copy()
+        np.minimum(least, 0, out=least, where=may_be_less)
+        np.maximum(most, 0, out=most, where=may_be_more)
+        return cls(least_dn=least, most_dn=most, hidden=hidden.astype(np.float32))
+
+    @classmethod
+    def none(cls, difference_dn: Float32Array) -> Self:
+        """Those of a difference of which nothing is hidden."""
+        none = np.zeros_like(difference_dn)
+        return cls(least_dn=difference_dn, most_dn=difference_dn, hidden=none)
+
+    def through(self, made: Callable[[Float32Array], Float32Array]) -> Self:
+        """What is made of each."""
+        return replace(
+            self,
+            least_dn=made(self.least_dn),
+            most_dn=made(self.most_dn),
+            hidden=made(self.hidden),
+        )
+
+    def surely(self, light_dn: Float32Array | float = 0.0) -> Float32Array:
+        """The part of the difference, less some light, that is sure; 0 where its sign is not."""
+        least, most = self.least_dn - light_dn, self.most_dn - light_dn
+        return np.asarray(np.maximum(least, 0) + np.minimum(most, 0), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,12 +182,14 @@ class ColourPlanes:
     """Luma, red without what the luma predicts, and blue without what both do.
 
     ``difference_dn, sd_dn``: shape ``(3, rows, cols)``. ``by_others``: levels of red by one of the
-    luma's, of blue by one of it, and of blue by one of the second plane's, likewise.
+    luma's, of blue by one of it, and of blue by one of the second plane's, likewise. ``bounds``: of
+    each plane, where an end of the scale hides something.
     """
 
     difference_dn: Float32Array = field(repr=False)
     sd_dn: Float32Array = field(repr=False)
     by_others: Float32Array = field(repr=False)
+    bounds: "tuple[Bounds, ...] | None" = field(default=None, repr=False)
 
 
 def colour_planes(
@@ -146,7 +207,7 @@ def colour_planes(
     luma = replace(luma, difference_dn=mixed)
     valid = luma.valid & red.valid & blue.valid
     sds = [_predicted_sd(one, valid) for one in (luma, red, blue)]
-    own, own_sd = _calibrated(mixed, sds[0], luma, None, smoothing_px)
+    own, own_sd, own_bounds = _calibrated(mixed, sds[0], luma, None, smoothing_px)
     luma = replace(luma, difference_dn=own)
     shares = [channel.structure_share for channel in (luma, red, blue)]
     of_red, _, of_blue = (np.float32(weight) for weight in REC601_LUMA)
@@ -173,17 +234,25 @@ def colour_planes(
     )
     red_by_luma = with_luma * sds[1] / by_luma
     first = np.asarray(red.difference_dn - red_by_luma * own, dtype=np.float32)
-    first, first_sd = _calibrated(first, sds[1] * own_red, red, luma, smoothing_px)
+    first, first_sd, first_bounds = _calibrated(first, sds[1] * own_red, red, luma, smoothing_px)
     blue_by_luma = with_luma_2 * sds[2] / by_luma
     blue_by_red = further * sds[2] / by_red
     second = np.asarray(
         blue.difference_dn - blue_by_luma * own - blue_by_red * first, dtype=np.float32
     )
-    second, second_sd = _calibrated(second, sds[2] * own_blue, blue, luma, smoothing_px)
+    second, second_sd, second_bounds = _calibrated(
+        second, sds[2] * own_blue, blue, luma, smoothing_px
+    )
+    is_compared = ~(luma.may_be_more & luma.may_be_less)
+    bounds = tuple(
+        one or Bounds.none(plane)
+        for one, plane in ((own_bounds, own), (first_bounds, first), (second_bounds, second))
+    )
     return ColourPlanes(
         difference_dn=np.stack([own, first, second]),
         sd_dn=np.stack([own_sd, first_sd, second_sd]),
         by_others=np.stack([red_by_luma, blue_by_luma, blue_by_red]),
+        bounds=bounds if any(one.hidden[is_compared].any() for one in bounds) else None,
     )
 
 
@@ -283,8 +352,8 @@ def _calibrated(
     channel: ChannelDifference,
     luma: ChannelDifference | None,
     smoothing_px: float,
-) -> tuple[Float32Array, Float32Array]:
-    """A plane, 0 where nothing is known of it, and its calibrated standard deviation."""
+) -> "tuple[Float32Array, Float32Array, Bounds | None]":
+    """A plane, 0 where nothing is known of it, its calibrated standard deviation, and bounds."""
     variance: Float32Array = np.asarray(np.maximum(np.square(sd), _LEAST_DN2), dtype=np.float32)
     noise = variance * (1 - channel.structure_share)
     valid = channel.valid if luma is None else channel.valid & luma.valid
@@ -298,9 +367,9 @@ def _calibrated(
             known = 0 if luma.rounding_dn2 is None else luma.rounding_dn2
             least = np.maximum(_OWN_ROUNDING * least, least - known)
         found = np.maximum(found, np.sqrt(least))
-    np.maximum(difference, 0, out=difference, where=channel.may_be_more)
-    np.minimum(difference, 0, out=difference, where=channel.may_be_less)
-    return difference, np.asarray(found, dtype=np.float32)
+    found = np.asarray(found, dtype=np.float32)
+    bounds = Bounds.of(difference, found, channel.may_be_more, channel.may_be_less)
+    return (difference if bounds is None else bounds.surely(), found, bounds)
 
 
 _skimage = lazy.load("skimage")

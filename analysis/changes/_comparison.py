@@ -11,7 +11,7 @@ from math import inf, isfinite, sqrt
 import cv2
 import numpy as np
 
-from analysis.changes._colour import ChannelDifference, ColourPlanes, colour_planes
+from analysis.changes._colour import Bounds, ChannelDifference, ColourPlanes, colour_planes
 from analysis.changes._document import KernelOrigin
 from analysis.changes._photograph_pair import ChangeOptions, PhotographPair
 from analysis.changes.matching import (
@@ -90,7 +90,8 @@ class Comparison:
     by which the fitted blur is wrong. ``scatter``: of what the difference consists. ``warnings``:
     sentences on what makes the comparison doubtful. ``colours``: what the channels say together, of
     photographs in colour. ``drawn_apart``: of drawings of two levels, where they differ, and where
-    by more than an outline that is a pixel away.
+    by more than an outline that is a pixel away. ``bounds``: of the difference, where an end of
+    the scale hides a part of it; the difference itself is what is surely there.
     """
 
     is_on_followup: bool
@@ -114,6 +115,7 @@ class Comparison:
     warnings: tuple[str, ...] = ()
     colours: ColourPlanes | None = field(default=None, repr=False)
     drawn_apart: tuple[BoolArray, BoolArray] | None = field(default=None, repr=False)
+    bounds: Bounds | None = field(default=None, repr=False)
 
     @property
     def followup_smoothing_px(self) -> float:
@@ -353,9 +355,6 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     difference = fit.model.difference(seen, target)
     sd, share = _scatter(matched, difference)
     compared, may_be_more, may_be_less = _between_ends(pair, smoothing)
-    # What may be larger still is at least what is seen, and what is seen of the other sign is none.
-    np.maximum(difference, 0, out=difference, where=may_be_more)
-    np.minimum(difference, 0, out=difference, where=may_be_less)
     gain, offset = fit.model.light((seen.shape[0], seen.shape[1]))
     mean_gain = float(gain[valid].mean())
     if not (mean_gain and isfinite(mean_gain)) or _is_drowned(matched):
@@ -370,6 +369,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     if not pair.is_on_followup:
         # So far before minus after, in the reference's levels.
         scale = np.divide(np.float32(-1), gain, out=gain)
+        may_be_more, may_be_less = may_be_less, may_be_more
     elif pair.tone_slope is not None:
         # So far in the levels that the tone curve made.
         scale = 1 / pair.tone_slope
@@ -382,9 +382,10 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         image[left_out] = 0
     if scale is not None:
         sd *= np.abs(scale)
+    bounds = Bounds.of(difference, sd, may_be_more & compared, may_be_less & compared)
     return Comparison(
         is_on_followup=pair.is_on_followup,
-        difference_dn=difference,
+        difference_dn=difference if bounds is None else bounds.surely(),
         plain_difference_dn=plain,
         sd_dn=sd,
         valid=compared,
@@ -405,6 +406,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         ),
         warnings=(*focus.warnings, *_unexplained(share)),
         drawn_apart=_drawn_apart(pair) if pair.is_drawn else None,
+        bounds=bounds,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Self
 import cv2
 import numpy as np
 
-from analysis.changes._colour import ColourPlanes, to_channels, to_luma_red_blue, to_rgb
+from analysis.changes._colour import Bounds, ColourPlanes, to_channels, to_luma_red_blue, to_rgb
 from analysis.changes._comparison import Comparison
 from analysis.changes._significance import (
     PLANES,
@@ -46,29 +46,35 @@ class LevelColours:
     ``difference_dn, sd_dn``: of the planes, each with its own scatter and with the width's
     allowance. ``whitening``: takes the planes in standard deviations to independent ones, shape (3,
     3). ``by_others``: levels of red by one of the luma's, of blue by one of it, and of blue by one
-    of the first plane's.
+    of the first plane's. ``bounds``: of each plane, where something is hidden.
     """
 
     difference_dn: Float32Array
     sd_dn: Float32Array
     whitening: FloatArray
     by_others: Float32Array
+    bounds: tuple[Bounds, ...] | None = None
 
     @classmethod
     def of(
         cls,
-        planes: Sequence[tuple[FloatImage, FloatImage]],
-        valid: BoolArray,
+        planes: "Sequence[DetectionLevel]",
         width: float,
         by_others: Float32Array,
     ) -> Self:
         """Measure what correlation is left; ``width`` is that of the filter, in places."""
-        difference = np.stack([np.asarray(plane[0], dtype=np.float32) for plane in planes])
-        sd = np.stack([np.asarray(plane[1], dtype=np.float32) for plane in planes])
-        rows, cols = sampled(valid, _CORRELATION_SAMPLE_PX)
+        difference, sd = (
+            np.stack([np.asarray(image, dtype=np.float32) for image in images])
+            for images in (
+                [plane.difference_dn for plane in planes],
+                [plane.sd_dn for plane in planes],
+            )
+        )
+        told = np.logical_and.reduce([plane.is_told for plane in planes])
+        rows, cols = sampled(told, _CORRELATION_SAMPLE_PX)
         scaled = (difference[:, rows, cols] / sd[:, rows, cols]).astype(np.float64)
         whitening = np.eye(PLANES)
-        independent = max(np.count_nonzero(valid) / (4 * pi * width**2), 1.0)
+        independent = max(np.count_nonzero(told) / (4 * pi * width**2), 1.0)
         for _ in range(_CORRELATION_ROUNDS):
             inside = np.linalg.norm(whitening @ scaled, axis=0) < _CORRELATION_CLIP_SD * 1.3
             if np.count_nonzero(inside) <= PLANES:
@@ -80,7 +86,14 @@ class LevelColours:
             correlation *= independent / (independent + _PRIOR_VALUES)
             np.fill_diagonal(correlation, 1.0)
             whitening = np.linalg.inv(np.linalg.cholesky(correlation))
-        return cls(difference_dn=difference, sd_dn=sd, whitening=whitening, by_others=by_others)
+        bounds = tuple(plane.bounds for plane in planes if plane.bounds is not None)
+        return cls(
+            difference_dn=difference,
+            sd_dn=sd,
+            whitening=whitening,
+            by_others=by_others,
+            bounds=bounds or None,
+        )
 
     def strict_as(self, factor: float) -> Self:
         """The planes with another allowance."""
@@ -95,6 +108,13 @@ class LevelColours:
     def vectors(self) -> Float32Array:
         """The level's own difference, likewise."""
         return self.whitened(self.difference_dn)
+
+    def vectors_without(self, light_dn: Float32Array) -> Float32Array:
+        """The same, less the light of changes in the planes."""
+        if self.bounds is None:
+            return self.vectors - self.whitened(light_dn)
+        left = [one.surely(light) for one, light in zip(self.bounds, light_dn, strict=True)]
+        return self.whitened(np.stack(left))
 
     def change_dn(self, direction: FloatArray, at: Place) -> FloatArray:
         """Red, green and blue of a change in a whitened direction, at a place."""
@@ -133,6 +153,7 @@ class LevelColours:
             difference_dn=self.difference_dn[:, *part],
             sd_dn=self.sd_dn[:, *part],
             by_others=self.by_others[:, *part],
+            bounds=self.bounds and tuple(one.through(lambda of: of[part]) for one in self.bounds),
         )
 
 
@@ -169,6 +190,10 @@ _CHANGE_SD, _SKIRT = 4.0, 2.0
 
 _SAMPLE = 500_000
 _NEVER_DN = 1e30
+_NEVER = 1e-6
+_HIDDEN = 0.05
+"""Share of a filter over pixels of which a part is hidden, up to which a place is told."""
+
 _ROUNDS = 4
 _LEAST_WEIGHT = 0.5
 _TAILS = 4.0
@@ -183,7 +208,7 @@ class DetectionLevel:
     The standard deviation holds the width's allowance, so that one threshold of significance is
     right for all levels. ``weight``: share of the filter that lies on pixels that count.
     ``colours``: of photographs in colour the luma and what red and blue say beside it; difference
-    and standard deviation are the luma's.
+    and standard deviation are the luma's. ``bounds``: see `Comparison`.
     """
 
     filter_width: FilterWidth
@@ -192,6 +217,12 @@ class DetectionLevel:
     valid: BoolArray
     weight: Float32Array
     colours: LevelColours | None = None
+    bounds: Bounds | None = None
+
+    @property
+    def is_told(self) -> BoolArray:
+        """Places whose difference no end of the scale hides."""
+        return self.valid if self.bounds is None else self.valid & (self.bounds.hidden < _HIDDEN)
 
     @property
     def width_px(self) -> float:
@@ -223,6 +254,14 @@ class DetectionLevel:
             sd_dn = sd_dn * np.float32(factor)
             colours = None if colours is None else colours.strict_as(factor)
         return replace(self, filter_width=width, sd_dn=sd_dn, colours=colours)
+
+    def significance_without(self, light_dn: Float32Array) -> FloatImage:
+        """Significance less the light of changes, of photographs in grey."""
+        if self.bounds is None:
+            own = light_dn / self.sd_dn
+            return np.asarray(self.significance - np.where(self.valid, own, np.float32(0)))
+        left = self.bounds.surely(light_dn)
+        return np.where(self.valid, left / self.sd_dn, np.float32(0))
 
     def smoothed_from(self, difference_dn: FloatImage, width_px: float) -> Float32Array:
         """Smooth a difference as this level is; it is behind ``width_px`` on the grid's pixels."""
@@ -294,16 +333,20 @@ def detection_levels(compared: Comparison, false_share: float) -> tuple[Detectio
 def _of_colours(compared: Comparison, planes: ColourPlanes) -> Iterator[DetectionLevel]:
     """Levels of the luma with those of the two planes beside it, each by its own scatter."""
     every = [
-        _smoothed_further(replace(compared, difference_dn=difference, sd_dn=sd))
-        for difference, sd in zip(planes.difference_dn, planes.sd_dn, strict=True)
+        _smoothed_further(
+            replace(
+                compared,
+                difference_dn=planes.difference_dn[plane],
+                sd_dn=planes.sd_dn[plane],
+                bounds=None if planes.bounds is None else planes.bounds[plane],
+            )
+        )
+        for plane in range(PLANES)
     ]
     for level, *beside in zip(*every, strict=True):
         places = np.s_[:: level.step_px, :: level.step_px]
         colours = LevelColours.of(
-            [(one.difference_dn, one.sd_dn) for one in (level, *beside)],
-            level.valid,
-            level.width_px / level.step_px,
-            planes.by_others[:, *places],
+            (level, *beside), level.width_px / level.step_px, planes.by_others[:, *places]
         )
         width = replace(level.filter_width, planes=PLANES)
         yield replace(level, filter_width=width, colours=colours)
@@ -324,21 +367,22 @@ def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
         counts = compared.valid[::step, ::step]
         if number:
             counts = counts & (sums.weight > _LEAST_WEIGHT)
-        difference, sd, valid = sums.level(own, counts)
+        level = sums.level(own, counts)
         # Most probable, given how alike levels are and what this one measures.
-        measured = log(_spread(difference, sd, valid, width / step))
-        measured, measured_err = max(measured, log_factor - _MOST_LESS), sqrt(0.5 / independent)
+        told = level.is_told
+        measured = log(_spread(level.difference_dn, level.sd_dn, told, width / step))
+        measured = max(measured, log_factor - _MOST_LESS)
+        if level.bounds is not None:
+            of = max(int(np.count_nonzero(level.valid)), 1)
+            independent *= max(int(np.count_nonzero(told)) / of, _NEVER)
+        measured_err = sqrt(0.5 / independent)
         prior = err**2 + _PRIOR_ERR**2
         log_factor += (measured - log_factor) * prior / (prior + measured_err**2)
         err = sqrt(prior * measured_err**2 / (prior + measured_err**2))
-        yield DetectionLevel(
-            filter_width=FilterWidth(
-                width_px=width, step_px=sums.step_px, spread_err=hypot(SPREAD_ERR, err)
-            ),
-            difference_dn=difference,
-            sd_dn=sd * np.float32(exp(log_factor)),
-            valid=valid,
-            weight=np.where(valid, sums.weight, np.float32(1)),
+        yield replace(
+            level,
+            filter_width=replace(level.filter_width, spread_err=hypot(SPREAD_ERR, err)),
+            sd_dn=level.sd_dn * np.float32(exp(log_factor)),
         )
 
 
@@ -355,6 +399,7 @@ class _Sums:
     difference: Float32Array
     variance: Float32Array
     weight: Float32Array
+    bounds: Bounds | None
 
     @classmethod
     def of(cls, compared: Comparison) -> "_Sums":
@@ -366,30 +411,42 @@ class _Sums:
             difference=np.asarray(compared.difference_dn * weight, dtype=np.float32),
             variance=np.asarray(variance, dtype=np.float32),
             weight=weight,
+            bounds=compared.bounds and compared.bounds.through(lambda one: one * weight),
         )
 
     def wider(self, width_px: float, step_px: int) -> "_Sums":
         """The same behind a wider Gaussian, every other place of it if the step is twice as far."""
         more = sqrt(width_px**2 - self.width_px**2) / self.step_px
         every = np.s_[:: step_px // self.step_px, :: step_px // self.step_px]
+        bounds = self.bounds and self.bounds.through(lambda one: _blurred(one, more)[every])
         return _Sums(
             width_px=width_px,
             step_px=step_px,
             difference=_blurred(self.difference, more)[every],
             variance=_blurred(self.variance, more * 0.5**0.5)[every],
             weight=_blurred(self.weight, more)[every],
+            bounds=bounds,
         )
 
-    def level(
-        self, own_px: float, valid: BoolArray
-    ) -> tuple[Float32Array, Float32Array, BoolArray]:
-        """Difference, its standard deviation by white noise alone, and places that count."""
+    def level(self, own_px: float, valid: BoolArray) -> DetectionLevel:
+        """The level at the places that count, whose scatter is that of white noise alone."""
         weight = np.where(valid, self.weight, np.float32(1))
-        difference = np.where(valid, self.difference / weight, np.float32(0))
         variance = np.maximum(self.variance, np.float32(1e-30)) * np.float32(
             (own_px / self.width_px) ** 2
         )
-        return difference, np.asarray(np.sqrt(variance) / weight, dtype=np.float32), valid
+        bounds = self.bounds and self.bounds.through(
+            lambda one: np.where(valid, one / weight, np.float32(0))
+        )
+        return DetectionLevel(
+            filter_width=FilterWidth(width_px=self.width_px, step_px=self.step_px),
+            difference_dn=np.where(valid, self.difference / weight, np.float32(0))
+            if bounds is None
+            else bounds.surely(),
+            sd_dn=np.asarray(np.sqrt(variance) / weight, dtype=np.float32),
+            valid=valid,
+            weight=weight,
+            bounds=bounds,
+        )
 
 
 def _blurred(image: Float32Array, sigma_px: float) -> Float32Array:

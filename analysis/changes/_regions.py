@@ -293,15 +293,14 @@ def _without(
         lit[one.light] = True
     apart = away_from(lit.reshape(narrowest.valid.shape), _SKIRT * narrowest.width_px)
     if standing.vectors is not None:
-        return _colours_without(apart, standing.vectors, narrowest, level)
+        return _colours_without(apart, narrowest, level)
     light = np.where(apart, np.float32(0), narrowest.difference_dn)
-    own = level.smoothed_from(light, narrowest.width_px) / level.sd_dn
-    left = standing.significance - np.where(level.valid, own, np.float32(0))
-    return _Standing(significance=np.asarray(left))
+    own = level.smoothed_from(light, narrowest.width_px)
+    return _Standing(significance=level.significance_without(own))
 
 
 def _colours_without(
-    apart: BoolArray, vectors: Float32Array, narrowest: DetectionLevel, level: DetectionLevel
+    apart: BoolArray, narrowest: DetectionLevel, level: DetectionLevel
 ) -> _Standing:
     """The same of whitened planes, which the light of changes adds to."""
     assert narrowest.colours is not None, "photographs in colour"
@@ -312,7 +311,7 @@ def _colours_without(
             for plane in narrowest.colours.difference_dn
         ]
     )
-    left = vectors - level.colours.whitened(light)
+    left = level.colours.vectors_without(light)
     return _Standing(significance=signed_significance(left, level.valid), vectors=left)
 
 

@@ -9,7 +9,7 @@ pixels where 1 to 3 % of the pixels of unchanged pairs are clipped.
     OMP_NUM_THREADS=1 python -m benchmarks.studies.change_list
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, sqrt
 
 import numpy as np
@@ -170,18 +170,23 @@ def _false_share(record: Recorder, frames: int) -> None:
         record.figure(f"false share at {rate:g}", share, "1", "asked", rate)
 
 
+def clipped_pair(number: int, share: float) -> _Case:
+    """An unchanged pair whose brightest pixels are clipped."""
+    made = _case(number, (0.0, 0.0))
+    top = float(np.quantile(made.followup, 1 - share))
+    reference, followup = (
+        np.minimum(np.rint(image), np.rint(top)) for image in (made.reference, made.followup)
+    )
+    return replace(made, reference=reference, followup=followup)
+
+
 def _clipped(record: Recorder, frames: int) -> None:
     """False pixels of unchanged pairs whose brightest pixels are clipped."""
     for share in CLIPPED:
         worst = total = 0
         for number in range(frames):
-            made = _case(3 * number, (0.0, 0.0))
-            top = float(np.quantile(made.followup, 1 - share))
-            reference, followup = (
-                np.minimum(np.rint(image), np.rint(top))
-                for image in (made.reference, made.followup)
-            )
-            result = changes_between(reference, followup, None, ChangeOptions(pose=made.pose))
+            made = clipped_pair(3 * number, share)
+            result = made.found(ChangeOptions(pose=made.pose))
             worst = max(worst, result.summary.changed_px)
             total += result.summary.changed_px
         record.say(

@@ -1,5 +1,6 @@
 """Filters of several widths: their noise, chance and power, against simulation and closed forms."""
 
+from dataclasses import replace
 from math import exp, pi, sqrt
 
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.special import ndtr
 
 from analysis.changes import FilterWidth, detection_power, height_for, significance_threshold
+from analysis.changes._colour import Bounds
 from analysis.changes._levels import DetectionLevel, LimitMaps, detection_levels, detection_limit
 from analysis.changes._regions import (
     connected_regions,
@@ -70,6 +72,30 @@ def test_noise_that_varies_over_the_frame_and_ends_at_a_mask_scatters_as_said() 
     for level, found in zip(levels, np.sqrt(square / count), strict=True):
         places = count * valid.sum() / (4 * pi * level.width_px**2)
         assert found == pytest.approx(1.0, abs=3.5 / sqrt(2 * places) + 0.03)
+
+
+def test_noise_of_which_an_end_of_the_scale_hides_one_sign_is_no_change_behind_any_width() -> None:
+    # What is surely there of each pixel, summed up, was 4 standard deviations behind the widest
+    # filter; and half of the places have no scatter, which made all others significant.
+    rng = np.random.default_rng(10)
+    may_be_more, may_be_less = np.zeros((2, *SHAPE), dtype=np.bool_)
+    may_be_less[:, 130:] = True
+    for _ in range(6):
+        field = smoothed_noise(rng, SHAPE, 1.0)
+        exact = field.astype(np.float32)
+        bounds = Bounds.of(exact, np.ones_like(exact), may_be_more, may_be_less)
+        assert bounds is not None
+        compared = replace(comparison(bounds.surely().astype(np.float64)), bounds=bounds)
+        for level, same in zip(detection_levels(compared, 1e-6), levels_of(field), strict=True):
+            # Of the independent places of half a frame, sqrt(2 n) is the error; 3.5 of them.
+            places = SHAPE[0] * SHAPE[1] / (8 * pi * level.width_px**2)
+            own, its = (one.sd_dn.mean() / one.filter_width.allowance for one in (level, same))
+            assert own == pytest.approx(its, rel=3.5 / sqrt(2 * places))
+            found = level.significance[:, 160 // level.step_px :]
+            assert found.max() <= 0
+            assert found.min() > -5
+            # The negative half of a normal distribution has a mean of -0.4.
+            assert found.mean() == pytest.approx(-0.4, abs=0.25)
 
 
 def test_a_difference_of_one_level_stays_itself_behind_every_width_and_mask() -> None:
