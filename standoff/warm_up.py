@@ -38,8 +38,8 @@ from calibration.edges import (
 from calibration.registration import DistortedPose, RegistrationHints, register_images
 from hil_mocks.benchmark_set import benchmark_tasks
 from hil_mocks.truth import PeriodicImage
+from simulation import PoseOptions, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import FloatArray
-from simulation.pose import PoseOptions
 from simulation.psf import GaussianPsf
 from simulation.uncertainty import KnownErrors, SimulatedView, pixel_uncertainty
 from standoff.cli import run
@@ -48,7 +48,6 @@ from standoff.compiled_cache import EVERYTHING, compile_ahead, drop_stale_code
 from standoff.library import open_bench
 from standoff.shipped_configs import shipped_config
 
-Place = tuple[int, int]
 _SIDE_PX = 160
 _FINER = 8
 _ZOOM = 1.25
@@ -126,13 +125,14 @@ def _capture_and_focus() -> None:
 
 
 def _validate(rng: np.random.Generator) -> None:
-    """What a session's validation computes on pairs: their registration at a known zoom."""
+    """What a session's validation computes on pairs: their registration, and what they leave."""
     near = texture(rng)
     fewer = (round(len(near) / _ZOOM),) * 2
     far = np.asarray(cv2.resize(near, fewer, interpolation=cv2.INTER_AREA), dtype=np.float64)
     psf = GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8)
     pose = register_images(near, far, psf, RegistrationHints(zoom=_ZOOM)).pose
     scaled_up(far, _ZOOM, near.shape)
+    zoom_out_on_grid(near, SamplingGrid.centred(near.shape, _ZOOM), psf, "matched")
     view = SimulatedView.of_pose(near.shape, pose.matrix, far.shape[::-1], PoseOptions())
     pixel_uncertainty(view, near, psf, KnownErrors(noise_dn2=np.ones_like(near)))
 
@@ -193,7 +193,9 @@ def _demo(rng: np.random.Generator) -> None:
     _run(_OF_THE_DEMO, rng)
 
 
-def _moved_things(rng: np.random.Generator, side_px: int, places: Sequence[Place]) -> None:
+def _moved_things(
+    rng: np.random.Generator, side_px: int, places: Sequence[tuple[int, int]]
+) -> None:
     """What a comparison computes where things changed: patches, moved or nearer than the rest."""
     before, beneath = texture(rng), texture(rng)
     after = before.copy()

@@ -191,6 +191,8 @@ _CHANGE_SD, _SKIRT = 4.0, 2.0
 _SAMPLE = 500_000
 _NEVER_DN = 1e30
 _NEVER = 1e-6
+"""Share of the independent places of a level of which none is told."""
+
 _HIDDEN = 0.05
 """Share of a filter over pixels of which a part is hidden, up to which a place is told."""
 
