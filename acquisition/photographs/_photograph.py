@@ -112,13 +112,16 @@ class FileSteps:
     """Effect of a file's quantisation steps on its levels; None if it does not hold integers.
 
     The variance of each grey level ``(rows, cols)`` by them, the level of one step, and both by
-    channel.
+    channel. ``channel_covariance``: of the stored red, green and blue, shape ``(3, 3)``, in squared
+    codes. ``is_compressed``: whether the coefficients of a JPEG are quantised too.
     """
 
     variance_dn2: Float32Array | None = field(default=None, repr=False)
     step_dn: Float32Array | None = field(default=None, repr=False)
     channel_variance_dn2: Float32Array | None = field(default=None, repr=False)
     channel_step_dn: Float32Array | None = field(default=None, repr=False)
+    channel_covariance: FloatArray | None = field(default=None, repr=False)
+    is_compressed: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -332,7 +335,14 @@ class Photograph(PhotographHead):
             or self.encoding.name != other.encoding.name
         ):
             return self
-        return replace(self, stored=coding.of_levels(self.stored))
+        coded = coding.of_levels(self.stored)
+        if self.has_halved_chroma and any(coding.halved):
+            # Halved once more, small things would lose colour: their luma alone is coded.
+            luma = np.asarray(REC601_LUMA)
+            stored = self.stored.astype(np.float64)
+            more = (coded.astype(np.float64) - stored) @ luma
+            coded = np.clip(np.rint(stored + more[..., np.newaxis]), 0, 255).astype(np.uint8)
+        return replace(self, stored=coded)
 
     @property
     def file_steps(self) -> FileSteps:
@@ -350,25 +360,29 @@ class Photograph(PhotographHead):
         grey = FileSteps(
             variance_dn2=(squares / 12 + coded).astype(np.float32),
             step_dn=np.sqrt(squares + coded).astype(np.float32),
+            is_compressed=self.luma_steps is not None,
         )
         if not self.is_colour:
             return grey
         each = np.square(slopes.astype(np.float32))
-        lost = self._coded_channels.astype(np.float32)
+        by_code = np.eye(3) / 12
+        by_coefficients = self._coded_covariance
+        lost = np.diag(by_coefficients).astype(np.float32)
         return replace(
             grey,
             channel_variance_dn2=each * (np.float32(1 / 12) + lost),
             channel_step_dn=np.sqrt(each * (1 + lost)),
+            channel_covariance=by_code + by_coefficients,
         )
 
     @property
-    def _coded_channels(self) -> FloatArray:
-        """Variance of the stored red, green and blue by the coefficients of a JPEG."""
+    def _coded_covariance(self) -> FloatArray:
+        """Covariance of the stored red, green and blue by the coefficients of a JPEG."""
         if self.luma_steps is None:
-            return np.zeros(3)
+            return np.zeros((3, 3))
         luma = coded_variance(self.luma_steps) + 1 / 12
         # Errors of luma, blue and red chroma, as the channels are made of them.
-        return np.asarray(luma + np.square(FROM_CHROMA).sum(axis=1) * self._coded_chroma)
+        return np.asarray(luma + self._coded_chroma * FROM_CHROMA @ FROM_CHROMA.T)
 
     @property
     def has_halved_chroma(self) -> bool:

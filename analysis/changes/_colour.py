@@ -14,6 +14,7 @@ E. N. Dalal, "The CIEDE2000 color-difference formula", Color Res. Appl. 30 (2005
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Final, Self
 
 import cv2
@@ -35,14 +36,16 @@ class PairColours:
 
     ``reference_dn, followup_dn``: red, green and blue. ``step_variance_dn2``: variance of each
     level by the steps of the files, shape ``(rows, cols, 3)``, where known. ``step_dn``: steps of
-    the levels of reference and follow-up, likewise. ``white_dn``: level of white of both, for
-    differences as they are seen; None where a file does not say it.
+    the levels of reference and follow-up, likewise. ``step_correlation``: of the errors of the
+    channels by the steps, shape ``(3, 3)``. ``white_dn``: level of white of both, for differences
+    as they are seen; None where a file does not say it.
     """
 
     reference_dn: AnyArray = field(repr=False)
     followup_dn: AnyArray = field(repr=False)
     step_variance_dn2: Steps = field(default=(None, None), repr=False)
     step_dn: Steps = field(default=(None, None), repr=False)
+    step_correlation: FloatArray = field(default_factory=lambda: np.eye(3), repr=False)
     white_dn: tuple[float | None, float | None] = (None, None)
 
 
@@ -85,8 +88,6 @@ _HIDDEN_SD = 3.0
 
 _LEAST_SPREAD = 1e-3
 _LEAST_DN2 = np.float32(1e-12)
-_OWN_ROUNDING = np.float32(0.25)
-"""Least share of a channel's variance by the steps of its file that is not the luma's too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -182,23 +183,29 @@ class ColourPlanes:
     """Luma, red without what the luma predicts, and blue without what both do.
 
     ``difference_dn, sd_dn``: shape ``(3, rows, cols)``. ``by_others``: levels of red by one of the
-    luma's, of blue by one of it, and of blue by one of the second plane's, likewise. ``bounds``: of
-    each plane, where an end of the scale hides something.
+    luma's, of blue by one of it, and of blue by one of the second plane's, likewise. ``steps_dn``:
+    standard deviations by the steps of the files, likewise; None where they are not known.
+    ``bounds``: of each plane, where an end of the scale hides something.
     """
 
     difference_dn: Float32Array = field(repr=False)
     sd_dn: Float32Array = field(repr=False)
     by_others: Float32Array = field(repr=False)
+    steps_dn: Float32Array | None = field(default=None, repr=False)
     bounds: "tuple[Bounds, ...] | None" = field(default=None, repr=False)
 
 
 def colour_planes(
-    luma: ChannelDifference, channels: Sequence[ChannelDifference], smoothing_px: float
+    luma: ChannelDifference,
+    channels: Sequence[ChannelDifference],
+    step_correlation: FloatArray,
+    smoothing_px: float,
 ) -> ColourPlanes:
     """Take off red and blue what the noise and the structure of the others predict.
 
-    ``luma``: how that of the photographs was compared; what differs is taken of the channels, each
-    of which has its own light. ``smoothing_px``: width of the Gaussian that makes neighbours alike.
+    ``luma``: how that of the photographs was compared; what differs is taken of the ``channels``,
+    each of which has its own light. ``step_correlation``: see `PairColours`. ``smoothing_px``:
+    width of the Gaussian that makes neighbours alike.
     """
     red, _, blue = channels
     mixed: Float32Array = np.zeros(luma.difference_dn.shape, dtype=np.float32)
@@ -207,20 +214,10 @@ def colour_planes(
     luma = replace(luma, difference_dn=mixed)
     valid = luma.valid & red.valid & blue.valid
     sds = [_predicted_sd(one, valid) for one in (luma, red, blue)]
-    own, own_sd, own_bounds = _calibrated(mixed, sds[0], luma, None, smoothing_px)
+    own, own_sd, own_bounds = _calibrated(mixed, sds[0], (luma,), luma.rounding_dn2, smoothing_px)
     luma = replace(luma, difference_dn=own)
-    shares = [channel.structure_share for channel in (luma, red, blue)]
-    of_red, _, of_blue = (np.float32(weight) for weight in REC601_LUMA)
-    with_luma, red_blue, with_luma_2 = (
-        _correlation(
-            ((luma, red, blue)[i], (luma, red, blue)[j]), (shares[i], shares[j]), own_share, valid
-        )
-        for i, j, own_share in (
-            (0, 1, of_red * sds[1] / sds[0]),
-            (1, 2, None),
-            (0, 2, of_blue * sds[2] / sds[0]),
-        )
-    )
+    of_red, of_green, of_blue = (np.float32(weight) for weight in REC601_LUMA)
+    with_luma, red_blue, with_luma_2 = _correlations((luma, red, blue), sds, valid)
     own_red = np.sqrt(1 - with_luma**2)
     # Of blue in standard deviations, by the second plane in its own.
     further = np.clip((red_blue - with_luma * with_luma_2) / own_red, -_MOST, _MOST)
@@ -232,16 +229,26 @@ def colour_planes(
         np.maximum(sd, _least_sd(one, sd, valid))
         for one, sd in ((luma, sds[0]), (red, sds[1] * own_red))
     )
+    by_steps = partial(_by_steps, channels, step_correlation)
     red_by_luma = with_luma * sds[1] / by_luma
     first = np.asarray(red.difference_dn - red_by_luma * own, dtype=np.float32)
-    first, first_sd, first_bounds = _calibrated(first, sds[1] * own_red, red, luma, smoothing_px)
+    first_least = by_steps(
+        1 - of_red * red_by_luma, -of_green * red_by_luma, -of_blue * red_by_luma
+    )
+    first, first_sd, first_bounds = _calibrated(
+        first, sds[1] * own_red, (red, luma), first_least, smoothing_px
+    )
     blue_by_luma = with_luma_2 * sds[2] / by_luma
     blue_by_red = further * sds[2] / by_red
     second = np.asarray(
         blue.difference_dn - blue_by_luma * own - blue_by_red * first, dtype=np.float32
     )
+    by_all = blue_by_luma - blue_by_red * red_by_luma
+    second_least = by_steps(
+        -blue_by_red - of_red * by_all, -of_green * by_all, 1 - of_blue * by_all
+    )
     second, second_sd, second_bounds = _calibrated(
-        second, sds[2] * own_blue, blue, luma, smoothing_px
+        second, sds[2] * own_blue, (blue, luma), second_least, smoothing_px
     )
     is_compared = ~(luma.may_be_more & luma.may_be_less)
     bounds = tuple(
@@ -252,6 +259,7 @@ def colour_planes(
         difference_dn=np.stack([own, first, second]),
         sd_dn=np.stack([own_sd, first_sd, second_sd]),
         by_others=np.stack([red_by_luma, blue_by_luma, blue_by_red]),
+        steps_dn=_known((luma.rounding_dn2, first_least, second_least)),
         bounds=bounds if any(one.hidden[is_compared].any() for one in bounds) else None,
     )
 
@@ -262,6 +270,32 @@ def to_channels(planes_dn: FloatArray, by_others: AnyArray) -> FloatArray:
     red_by_luma, blue_by_luma, blue_by_red = by_others
     red = first + red_by_luma * luma
     return np.stack([luma, red, second + blue_by_luma * luma + blue_by_red * first])
+
+
+def _by_steps(
+    channels: Sequence[ChannelDifference],
+    correlation: FloatArray,
+    *weights: AnyArray,
+) -> Float32Array | None:
+    """Variance by the steps of the files of a weighted sum of the channels; None if not known."""
+    total: Float32Array | None = None
+    sds = list[Float32Array]()
+    for weight, channel in zip(weights, channels, strict=True):
+        if channel.rounding_dn2 is None:
+            return None
+        sds.append(np.asarray(weight, dtype=np.float32) * np.sqrt(channel.rounding_dn2))
+    for number, sd in enumerate(sds):
+        own = sd * sd
+        for other in range(number):
+            own += np.float32(2 * correlation[number, other]) * sd * sds[other]
+        total = own if total is None else total + own
+    return None if total is None else np.maximum(total, np.float32(0))
+
+
+def _known(variances_dn2: Sequence[Float32Array | None]) -> Float32Array | None:
+    """Standard deviations, shape ``(3, rows, cols)``; None where one is not known."""
+    known = [one for one in variances_dn2 if one is not None]
+    return np.sqrt(np.stack(known)) if len(known) == len(variances_dn2) else None
 
 
 def _predicted_sd(channel: ChannelDifference, valid: BoolArray) -> Float32Array:
@@ -281,6 +315,22 @@ def _least_sd(channel: ChannelDifference, sd: Float32Array, valid: BoolArray) ->
     if channel.rounding_dn2 is None:
         return np.full_like(sd, usual)
     return np.maximum(np.float32(_LEAST_OF_STEPS) * np.sqrt(channel.rounding_dn2), usual)
+
+
+def _correlations(
+    channels: tuple[ChannelDifference, ChannelDifference, ChannelDifference],
+    sds: Sequence[Float32Array],
+    valid: BoolArray,
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """Those of luma and red, of red and blue, and of luma and blue."""
+    luma, red, blue = channels
+    shares = [channel.structure_share for channel in channels]
+    of_red, _, of_blue = (np.float32(weight) for weight in REC601_LUMA)
+    return (
+        _correlation((luma, red), (shares[0], shares[1]), of_red * sds[1] / sds[0], valid),
+        _correlation((red, blue), (shares[1], shares[2]), None, valid),
+        _correlation((luma, blue), (shares[0], shares[2]), of_blue * sds[2] / sds[0], valid),
+    )
 
 
 def _correlation(
@@ -349,24 +399,25 @@ def _slopes_alike(one: Float32Array, other: Float32Array) -> Float32Array:
 def _calibrated(
     difference: Float32Array,
     sd: Float32Array,
-    channel: ChannelDifference,
-    luma: ChannelDifference | None,
+    channels: Sequence[ChannelDifference],
+    least_dn2: Float32Array | None,
     smoothing_px: float,
 ) -> "tuple[Float32Array, Float32Array, Bounds | None]":
-    """A plane, 0 where nothing is known of it, its calibrated standard deviation, and bounds."""
+    """A plane, 0 where nothing is known of it, its calibrated standard deviation, and bounds.
+
+    ``channels``: the one that it is of, and another whose pixels are to be valid too.
+    ``least_dn2``: variance by the steps of the files, where that is known.
+    """
+    channel = channels[0]
     variance: Float32Array = np.asarray(np.maximum(np.square(sd), _LEAST_DN2), dtype=np.float32)
     noise = variance * (1 - channel.structure_share)
-    valid = channel.valid if luma is None else channel.valid & luma.valid
+    valid = np.logical_and.reduce([one.valid for one in channels])
     found = sd
     if valid.any():
         factor = calibrated_factor(difference, variance, noise, valid, smoothing_px, _CALIBRATED_PX)
         found = factor * np.sqrt(variance)
-    if channel.rounding_dn2 is not None:
-        least = channel.rounding_dn2
-        if luma is not None:
-            known = 0 if luma.rounding_dn2 is None else luma.rounding_dn2
-            least = np.maximum(_OWN_ROUNDING * least, least - known)
-        found = np.maximum(found, np.sqrt(least))
+    if least_dn2 is not None:
+        found = np.maximum(found, np.sqrt(least_dn2))
     found = np.asarray(found, dtype=np.float32)
     bounds = Bounds.of(difference, found, channel.may_be_more, channel.may_be_less)
     return (difference if bounds is None else bounds.surely(), found, bounds)

@@ -91,7 +91,8 @@ class Comparison:
     sentences on what makes the comparison doubtful. ``colours``: what the channels say together, of
     photographs in colour. ``drawn_apart``: of drawings of two levels, where they differ, and where
     by more than an outline that is a pixel away. ``bounds``: of the difference, where an end of
-    the scale hides a part of it; the difference itself is what is surely there.
+    the scale hides a part of it; the difference itself is what is surely there. ``steps_dn``: of
+    compressed files, standard deviation by their steps, which is expected behind any width.
     """
 
     is_on_followup: bool
@@ -116,6 +117,7 @@ class Comparison:
     colours: ColourPlanes | None = field(default=None, repr=False)
     drawn_apart: tuple[BoolArray, BoolArray] | None = field(default=None, repr=False)
     bounds: Bounds | None = field(default=None, repr=False)
+    steps_dn: Float32Array | None = field(default=None, repr=False)
 
     @property
     def followup_smoothing_px(self) -> float:
@@ -159,7 +161,7 @@ def compare(
         # Where something large is new, the levels before it tell of no curve.
         if again.loss < matched.loss:
             matched = again
-    compared = _compared(matched, _focus(matched, psf))
+    compared = _compared(matched, _focus(matched, psf), is_compressed=options.is_compressed)
     if options.colours is None:
         return compared
     colours = _in_colour(matched, pair, options)
@@ -348,7 +350,7 @@ def _scatter(matched: _Matched, difference: Float32Array) -> tuple[Float32Array,
     return sd, share
 
 
-def _compared(matched: _Matched, focus: _Focus) -> Comparison:
+def _compared(matched: _Matched, focus: _Focus, *, is_compressed: bool) -> Comparison:
     pair, smoothing, valid, fit = matched.pair, matched.smoothing, matched.valid, matched.fit
     seen, target = matched.seen, matched.target
     # In place where it can be: a large frame's images are most of what a comparison holds.
@@ -407,7 +409,16 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         warnings=(*focus.warnings, *_unexplained(share)),
         drawn_apart=_drawn_apart(pair) if pair.is_drawn else None,
         bounds=bounds,
+        steps_dn=_steps_dn(matched, scale) if is_compressed else None,
     )
+
+
+def _steps_dn(matched: _Matched, scale: Float32Array | None) -> Float32Array | None:
+    """Standard deviation by the steps of the files, in the follow-up's levels."""
+    variance = matched.rounding_variance_dn2
+    if variance is None:
+        return None
+    return np.sqrt(variance) if scale is None else np.sqrt(variance) * np.abs(scale)
 
 
 def _drawn_apart(pair: PhotographPair) -> tuple[BoolArray, BoolArray]:
@@ -453,7 +464,8 @@ def _in_colour(luma: _Matched, pair: PhotographPair, options: ChangeOptions) -> 
     None where the levels of the two are not in proportion: the errors of four tone curves would be
     changes of colour.
     """
-    if luma.pair.tone_slope is not None:
+    colours = options.colours
+    if luma.pair.tone_slope is not None or colours is None:
         return None
     found = []
     for number in range(3):
@@ -461,7 +473,10 @@ def _in_colour(luma: _Matched, pair: PhotographPair, options: ChangeOptions) -> 
         if matched.fit.is_curved:
             return None
         found.append(_channel_difference(matched))
-    return colour_planes(_channel_difference(luma), found, luma.smoothing.target_px)
+    planes = colour_planes(
+        _channel_difference(luma), found, colours.step_correlation, luma.smoothing.target_px
+    )
+    return planes if options.is_compressed else replace(planes, steps_dn=None)
 
 
 def _channel_difference(matched: _Matched) -> ChannelDifference:

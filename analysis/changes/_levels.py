@@ -7,6 +7,7 @@ else scatters there is measured. So is the amplitude that a spot needs at every 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil, exp, hypot, log, pi, sqrt
 from typing import Self
 
@@ -341,6 +342,7 @@ def _of_colours(compared: Comparison, planes: ColourPlanes) -> Iterator[Detectio
                 difference_dn=planes.difference_dn[plane],
                 sd_dn=planes.sd_dn[plane],
                 bounds=None if planes.bounds is None else planes.bounds[plane],
+                steps_dn=None if planes.steps_dn is None else planes.steps_dn[plane],
             )
         )
         for plane in range(PLANES)
@@ -384,7 +386,7 @@ def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
         yield replace(
             level,
             filter_width=replace(level.filter_width, spread_err=hypot(SPREAD_ERR, err)),
-            sd_dn=level.sd_dn * np.float32(exp(log_factor)),
+            sd_dn=sums.at_least_by_steps(level.sd_dn * np.float32(exp(log_factor)), own, counts),
         )
 
 
@@ -393,7 +395,7 @@ class _Sums:
     """Weighted sums behind a width: of the difference, its variance, and the weights of both.
 
     A sum of white noise over a Gaussian's weights has the variance over their squares, which are
-    those of a Gaussian narrower by sqrt(2).
+    those of a Gaussian narrower by sqrt(2). ``steps``: of the variance by the steps of the files.
     """
 
     width_px: float
@@ -402,6 +404,7 @@ class _Sums:
     variance: Float32Array
     weight: Float32Array
     bounds: Bounds | None
+    steps: Float32Array | None
 
     @classmethod
     def of(cls, compared: Comparison) -> "_Sums":
@@ -414,6 +417,7 @@ class _Sums:
             variance=np.asarray(variance, dtype=np.float32),
             weight=weight,
             bounds=compared.bounds and compared.bounds.through(lambda one: one * weight),
+            steps=None if compared.steps_dn is None else np.square(compared.steps_dn) * weight,
         )
 
     def wider(self, width_px: float, step_px: int) -> "_Sums":
@@ -421,21 +425,20 @@ class _Sums:
         more = sqrt(width_px**2 - self.width_px**2) / self.step_px
         every = np.s_[:: step_px // self.step_px, :: step_px // self.step_px]
         bounds = self.bounds and self.bounds.through(lambda one: _blurred(one, more)[every])
+        squares = partial(_blurred, sigma_px=more * 0.5**0.5)
         return _Sums(
             width_px=width_px,
             step_px=step_px,
             difference=_blurred(self.difference, more)[every],
-            variance=_blurred(self.variance, more * 0.5**0.5)[every],
+            variance=squares(self.variance)[every],
             weight=_blurred(self.weight, more)[every],
             bounds=bounds,
+            steps=None if self.steps is None else squares(self.steps)[every],
         )
 
     def level(self, own_px: float, valid: BoolArray) -> DetectionLevel:
         """The level at the places that count, whose scatter is that of white noise alone."""
         weight = np.where(valid, self.weight, np.float32(1))
-        variance = np.maximum(self.variance, np.float32(1e-30)) * np.float32(
-            (own_px / self.width_px) ** 2
-        )
         bounds = self.bounds and self.bounds.through(
             lambda one: np.where(valid, one / weight, np.float32(0))
         )
@@ -444,11 +447,26 @@ class _Sums:
             difference_dn=np.where(valid, self.difference / weight, np.float32(0))
             if bounds is None
             else bounds.surely(),
-            sd_dn=np.asarray(np.sqrt(variance) / weight, dtype=np.float32),
+            sd_dn=self._sd_dn(self.variance, own_px, weight),
             valid=valid,
             weight=weight,
             bounds=bounds,
         )
+
+    def at_least_by_steps(
+        self, sd_dn: Float32Array, own_px: float, valid: BoolArray
+    ) -> Float32Array:
+        """A standard deviation of the level, no less than what the steps of the files give."""
+        if self.steps is None:
+            return sd_dn
+        weight = np.where(valid, self.weight, np.float32(1))
+        return np.maximum(sd_dn, self._sd_dn(self.steps, own_px, weight))
+
+    def _sd_dn(self, variance: Float32Array, own_px: float, weight: Float32Array) -> Float32Array:
+        """That of white noise behind the width, from a sum of its variance."""
+        narrower = np.float32((own_px / self.width_px) ** 2)
+        behind = np.maximum(variance, np.float32(1e-30)) * narrower
+        return np.asarray(np.sqrt(behind) / weight, dtype=np.float32)
 
 
 def _blurred(image: Float32Array, sigma_px: float) -> Float32Array:

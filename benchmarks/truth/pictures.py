@@ -532,8 +532,8 @@ def _zoom(part: ByteImage, rng: np.random.Generator, folder: Path) -> _Draft:
 Maker = Callable[[ByteImage, np.random.Generator, Path], _Draft]
 
 
-def _twice(*, is_shot: bool, bits: int, is_equal: bool = True) -> Maker:
-    """Maker of a picture with noise, twice."""
+def _twice(*, is_shot: bool, bits: int, is_equal: bool = True, is_jpeg: bool = False) -> Maker:
+    """Maker of a picture with noise, twice; of 8 bits as PNG, or as JPEG of two qualities."""
 
     def make(part: ByteImage, rng: np.random.Generator, folder: Path) -> _Draft:
         first = float(np.exp(rng.uniform(*np.log(SNR))))
@@ -544,12 +544,17 @@ def _twice(*, is_shot: bool, bits: int, is_equal: bool = True) -> Maker:
             low, high = HEADROOM
             levels = low + levels * ((high - low) / 255)
         is_srgb = bits == 8
-        files = list[Path]()
+        files, coded = list[Path](), list[str]()
         for name, snr in zip(("one", "two"), first * ratios, strict=True):
             noisy = with_noise(levels, float(snr), rng, is_shot=is_shot, is_srgb=is_srgb)
             top = 2**bits - 1
             stored = np.clip(np.rint(noisy * (top / 255)), 0, top)
-            if is_srgb:
+            if is_jpeg:
+                quality, sampling = _jpeg_choice(rng)
+                path = folder / f"{name}.jpg"
+                files.append(_jpeg(stored.astype(np.uint8), path, quality, sampling))
+                coded.append(f"JPEG {quality} {sampling}")
+            elif is_srgb:
                 files.append(_png(stored.astype(np.uint8), folder / f"{name}.png"))
             else:
                 deep = stored.astype(np.uint16)
@@ -557,7 +562,8 @@ def _twice(*, is_shot: bool, bits: int, is_equal: bool = True) -> Maker:
         said = " and ".join(f"{first * ratio:.1f}" for ratio in sorted(set(ratios.tolist())))
         room = ", nothing clipped" if has_headroom else ""
         noise = "shot" if is_shot else "white"
-        recipe = f"{noise} noise twice, SNR {said}, {bits} bits{room}"
+        kept = " and ".join(coded) or f"{bits} bits"
+        recipe = f"{noise} noise twice, SNR {said}, {kept}{room}"
         return _Draft(files=(files[0], files[1]), recipe=recipe)
 
     return make
@@ -578,5 +584,6 @@ MAKERS: dict[str, Maker] = {
     "shot-16": _twice(is_shot=True, bits=16),
     "unequal-8": _twice(is_shot=False, bits=8, is_equal=False),
     "unequal-16": _twice(is_shot=False, bits=16, is_equal=False),
+    "shot-jpeg": _twice(is_shot=True, bits=8, is_jpeg=True),
 }
 KINDS = tuple(MAKERS)

@@ -391,6 +391,7 @@ def compared(
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
         step_variance_dn2=(before.variance_dn2, after.variance_dn2),
         step_dn=(before.step_dn, after.step_dn),
+        is_compressed=before.is_compressed or after.is_compressed,
         coded_alike=lambda: _coded_alike(near, far, colours),
         colours=colours,
     )
@@ -458,8 +459,21 @@ def _colours(
         followup_dn=far.colour_planes,
         step_variance_dn2=variance,
         step_dn=(before.channel_step_dn, after.channel_step_dn),
+        step_correlation=_step_correlation(before, after),
         white_dn=(near.full_scale_dn, far.full_scale_dn),
     )
+
+
+def _step_correlation(before: FileSteps, after: FileSteps) -> FloatArray:
+    """Correlation of the channels' errors by the steps of both files; none if it is not known."""
+    known = [
+        one.channel_covariance for one in (before, after) if one.channel_covariance is not None
+    ]
+    if not known:
+        return np.eye(3)
+    covariance = np.sum(known, axis=0)
+    sds = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / sds / sds[:, np.newaxis])
 
 
 def _together(one: Float32Array | None, other: Float32Array | None) -> Float32Array | None:

@@ -91,6 +91,25 @@ def test_a_channel_s_error_is_within_what_luma_and_chroma_lose(
     assert found[..., 2].mean() > luma.mean()
 
 
+@pytest.mark.parametrize("quality", [75, 90, 98])
+@pytest.mark.parametrize("sampling", [0, 1, 2])
+@pytest.mark.parametrize("channel", [0, 2])
+def test_what_a_channel_s_error_has_beside_the_luma_s_is_its_chroma_s(
+    tmp_path: Path, quality: int, sampling: int, channel: int
+) -> None:
+    plain, path = np.rint(scene()).astype(np.uint8), tmp_path / "a.jpg"
+    Image.fromarray(plain).save(path, quality=quality, subsampling=sampling)
+    photograph = read_photograph(path, standoff.reading(encoding="linear"))
+    covariance = photograph.file_steps.channel_covariance
+    assert covariance is not None
+    beside = np.eye(3)[channel] - np.asarray(REC601_LUMA)
+    error = gaussian_filter(photograph.stored - plain.astype(np.float64), (1.0, 1.0, 0.0))
+    gain = 1 / (4 * np.pi)  # of white noise by a Gaussian of 1 px
+    expected = float(beside @ covariance @ beside)
+    assert np.mean((error @ beside) ** 2) <= 1.3 * gain * expected  # as above
+    assert expected < 1.2 * float(covariance[channel, channel])
+
+
 def test_a_png_has_the_steps_of_each_channel(tmp_path: Path) -> None:
     levels = np.random.default_rng(6).integers(0, 256, (20, 30, 3), dtype=np.uint8)
     Image.fromarray(levels).save(tmp_path / "a.png")
@@ -98,6 +117,9 @@ def test_a_png_has_the_steps_of_each_channel(tmp_path: Path) -> None:
     found = photograph.file_steps
     assert found.channel_variance_dn2 is not None
     assert np.allclose(found.channel_variance_dn2, 1 / 12)
+    assert found.channel_covariance is not None
+    assert np.allclose(found.channel_covariance, np.eye(3) / 12)
+    assert not found.is_compressed
     assert read_photograph(tmp_path / "a.png").file_steps.channel_step_dn is not None
     assert photograph_of(levels[..., 0], "a").file_steps.channel_step_dn is None
 

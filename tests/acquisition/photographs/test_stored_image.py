@@ -190,6 +190,23 @@ def test_the_coarser_file_stays_as_it_is(tmp_path: Path) -> None:
     assert fine.coded_as(fine) is fine
 
 
+def test_a_jpeg_coded_as_another_does_not_lose_the_colour_of_small_things(tmp_path: Path) -> None:
+    scene = np.full((160, 160, 3), (190, 235, 190), dtype=np.uint8)
+    for row in range(12, 150, 22):
+        for col in range(12, 150, 21):
+            scene[row : row + 5, col : col + 5] = 230, 25, 22
+    for quality in (100, 95):
+        Image.fromarray(scene).save(tmp_path / f"{quality}.jpg", quality=quality, subsampling=2)
+    fine, coarse = (read_photograph(tmp_path / f"{quality}.jpg") for quality in (100, 95))
+    coded = fine.coded_as(coarse).stored.astype(np.float64)
+    is_red = scene[..., 0] == 230
+    assert np.any(coded != fine.stored)
+    # Twice halved, the patches lost 18 levels of red.
+    assert np.mean(coded[is_red], axis=0) == pytest.approx(
+        np.mean(fine.stored[is_red], axis=0), abs=1.5
+    )
+
+
 def test_levels_of_another_kind_are_not_coded(tmp_path: Path) -> None:
     jpeg = read_photograph(saved(tmp_path / "a.jpg", "astronaut", quality=75))
     grey = read_photograph(saved(tmp_path / "grey.png", "camera"))

@@ -145,10 +145,7 @@ def test_noise_that_is_even_in_the_stored_levels_is_none_in_the_dark(tmp_path: P
 
 @pytest.mark.slow(minutes=0.2)
 def test_a_png_is_coded_like_the_jpeg_of_another_exposure(tmp_path: Path) -> None:
-    """Coded alone, the later photograph was "sharper", and its colours had changed in 43 places.
-
-    Some remain, in strong colours, whose noise at half the pixels is not alike at all widths.
-    """
+    """Coded alone, the later photograph was "sharper", and its colours had changed in 43 places."""
     rng = np.random.default_rng(63)
     entries = 0
     for name in ("coffee", "astronaut"):
@@ -160,7 +157,7 @@ def test_a_png_is_coded_like_the_jpeg_of_another_exposure(tmp_path: Path) -> Non
         )
         entries += len(summary.changes)
         assert abs(summary.extra_blur_px2) < 3.5 * summary.extra_blur_err_px2
-    assert entries < 20
+    assert entries <= 3
 
 
 @pytest.mark.slow
@@ -178,3 +175,29 @@ def test_two_colour_jpegs_of_one_scene_differ_in_nothing(
     ]
     summary = found(*paths)
     assert (summary.changes, summary.moved) == ((), ())
+
+
+@pytest.mark.slow(minutes=0.3)
+def test_two_noisy_jpegs_in_strong_colours_differ_in_nothing(tmp_path: Path) -> None:
+    """Steps of the chroma show where a colour is strong, seldom, and then much at once.
+
+    Nine of these twelve pairs had entries when the scatter of most of the frame was taken for that
+    of all of it.
+    """
+    rng = np.random.default_rng(64)
+    with_entries = 0
+    for name in ("coffee.png", "astronaut.png", "motorcycle_left.png", "retina.jpg"):
+        whole = np.asarray(Image.open(Path(data.__file__).parent / name).convert("RGB"))
+        scene = whole[:430, :520].astype(np.float64)
+        for number in range(3):
+            paths = [
+                written(
+                    tmp_path / f"{name}-{number}-{side}.jpg",
+                    scene + rng.normal(0, rng.uniform(1, 3), scene.shape),
+                    int(rng.integers(85, 99)),
+                )
+                for side in "ab"
+            ]
+            with_entries += bool(found(*paths).changes)
+    # 5 % of pairs are stated to have any: more than 4 of 12 in less than one of 1,000.
+    assert with_entries <= 4
