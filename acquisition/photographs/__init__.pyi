@@ -32,4 +32,8 @@ from ._reader import (
     read_photograph as read_photograph,
     taken_as as taken_as,
 )
-from ._stored_image import PhotographFacts as PhotographFacts, shared_facts as shared_facts
+from ._stored_image import (
+    CodedSteps as CodedSteps,
+    PhotographFacts as PhotographFacts,
+    shared_facts as shared_facts,
+)

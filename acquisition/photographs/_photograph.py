@@ -23,9 +23,9 @@ from acquisition.photographs._encoding import (
 from acquisition.photographs._mosaic import UNNAMED_MOSAIC, seems_mosaic
 from acquisition.photographs._stored_image import (
     FROM_CHROMA,
+    CodedSteps,
     JpegCoding,
     PhotographFacts,
-    coded_variance,
 )
 from acquisition.printable import on_one_line
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
@@ -113,7 +113,7 @@ class FileSteps:
 
     The variance of each grey level ``(rows, cols)`` by them, the level of one step, and both by
     channel. ``channel_covariance``: of the stored red, green and blue, shape ``(3, 3)``, in squared
-    codes. ``is_compressed``: whether the coefficients of a JPEG are quantised too.
+    codes. ``coded``: steps of the coefficients of a JPEG, None of other files.
     """
 
     variance_dn2: Float32Array | None = field(default=None, repr=False)
@@ -121,7 +121,7 @@ class FileSteps:
     channel_variance_dn2: Float32Array | None = field(default=None, repr=False)
     channel_step_dn: Float32Array | None = field(default=None, repr=False)
     channel_covariance: FloatArray | None = field(default=None, repr=False)
-    is_compressed: bool = False
+    coded: CodedSteps | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -360,7 +360,7 @@ class Photograph(PhotographHead):
         grey = FileSteps(
             variance_dn2=(squares / 12 + coded).astype(np.float32),
             step_dn=np.sqrt(squares + coded).astype(np.float32),
-            is_compressed=self.luma_steps is not None,
+            coded=self.coded_steps,
         )
         if not self.is_colour:
             return grey
@@ -376,13 +376,24 @@ class Photograph(PhotographHead):
         )
 
     @property
+    def coded_steps(self) -> CodedSteps | None:
+        """Steps of a JPEG's coefficients; None of other files."""
+        if self.luma_steps is None:
+            return None
+        coding = self.jpeg_coding
+        if coding is None:
+            return CodedSteps(luma=self.luma_steps, chroma=self.luma_steps, halved=_USUAL_SAMPLING)
+        return CodedSteps(luma=self.luma_steps, chroma=coding.chroma_steps, halved=coding.halved)
+
+    @property
     def _coded_covariance(self) -> FloatArray:
         """Covariance of the stored red, green and blue by the coefficients of a JPEG."""
-        if self.luma_steps is None:
+        coded = self.coded_steps
+        if coded is None:
             return np.zeros((3, 3))
-        luma = coded_variance(self.luma_steps) + 1 / 12
+        luma, chroma = coded.variance()
         # Errors of luma, blue and red chroma, as the channels are made of them.
-        return np.asarray(luma + self._coded_chroma * FROM_CHROMA @ FROM_CHROMA.T)
+        return np.asarray(luma + chroma * FROM_CHROMA @ FROM_CHROMA.T)
 
     @property
     def has_halved_chroma(self) -> bool:
@@ -425,16 +436,6 @@ class Photograph(PhotographHead):
         around = cv2.GaussianBlur(np.square(lost, dtype=np.float32), (0, 0), _LOST_AROUND_PX)
         return np.asarray(_HALVED_PX * around)
 
-    @property
-    def _coded_chroma(self) -> float:
-        """Variance of the stored chroma by its coefficients, each plane."""
-        if self.luma_steps is None:
-            return 0.0
-        chroma, halved = self.luma_steps, _USUAL_SAMPLING
-        if self.jpeg_coding is not None:
-            chroma, halved = self.jpeg_coding.chroma_steps, self.jpeg_coding.halved
-        return coded_variance(chroma, halved) + 1 / 12
-
     def _squared_steps_dn2(self, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Squared steps of the stored levels in grey, and the variance of JPEG coefficients.
 
@@ -444,15 +445,16 @@ class Photograph(PhotographHead):
         weights = np.asarray(REC601_LUMA) if self.is_colour else np.ones(1)
         planes = slopes.reshape(*slopes.shape[:2], -1)
         squares = np.square(planes) @ np.square(weights)
-        if self.luma_steps is None:
+        coded = self.coded_steps
+        if coded is None:
             return squares, np.zeros(1)
-        coded = coded_variance(self.luma_steps)
-        # Of colours luma is rounded before it is transformed, and once more with the chroma.
-        coded += 2 / 12 if self.is_colour else 0.0
-        variance = np.square(planes @ weights) * coded
+        luma, chroma = coded.variance()
+        # Luma of colours is rounded before it is transformed, and once more with the chroma.
+        luma += 1 / 12 if self.is_colour else -1 / 12
+        variance = np.square(planes @ weights) * luma
         if self.is_colour:
             by_chroma = planes @ (weights[:, np.newaxis] * FROM_CHROMA)
-            variance = variance + np.square(by_chroma).sum(axis=-1) * self._coded_chroma
+            variance = variance + np.square(by_chroma).sum(axis=-1) * chroma
         return squares, variance
 
     @property

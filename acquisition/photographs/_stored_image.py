@@ -213,8 +213,10 @@ class JpegCoding:
         return np.asarray(Image.open(BytesIO(file.getvalue())))
 
 
-def coded_variance(steps: FloatArray, halved: tuple[bool, bool] = (False, False)) -> float:
-    """Variance of white noise as large as the coefficients' errors are, behind a Gaussian of 1 px.
+def coded_variance(
+    steps: FloatArray, halved: tuple[bool, bool] = (False, False), width_px: float = 1.0
+) -> float:
+    """Variance of white noise as large as the coefficients' errors are, behind a Gaussian.
 
     Each of the ``steps``, shape ``(8, 8)``, gives the density at its frequency, half that and twice
     as dense along axes that are ``halved``.
@@ -223,10 +225,28 @@ def coded_variance(steps: FloatArray, halved: tuple[bool, bool] = (False, False)
     weight = np.ones((1, 1))
     for is_half in halved:
         frequency = np.arange(_SIZE) / (2 * _SIZE) / (2 if is_half else 1)
-        weight = np.multiply.outer(weight, np.exp(-((2 * np.pi * frequency) ** 2)))
+        weight = np.multiply.outer(weight, np.exp(-((2 * np.pi * width_px * frequency) ** 2)))
     weight = weight.reshape(_SIZE, _SIZE)
-    whole = np.exp(-((2 * np.pi * np.arange(_SIZE) / (2 * _SIZE)) ** 2))
+    whole = np.exp(-((2 * np.pi * width_px * np.arange(_SIZE) / (2 * _SIZE)) ** 2))
     return float((density * weight).sum() / np.outer(whole, whole).sum())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CodedSteps:
+    """Steps of the coefficients of a JPEG's luma and chroma, shape ``(8, 8)`` each.
+
+    ``halved``: whether the chroma has half the rows, and half the columns.
+    """
+
+    luma: FloatArray
+    chroma: FloatArray
+    halved: tuple[bool, bool]
+
+    def variance(self, width_px: float = 1.0) -> tuple[float, float]:
+        """Of luma and of either plane of chroma, in squared codes: see `coded_variance`."""
+        luma = coded_variance(self.luma, width_px=width_px)
+        # Both are rounded before they are transformed.
+        return luma + 1 / 12, coded_variance(self.chroma, self.halved, width_px) + 1 / 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ from math import hypot, inf, isfinite, sqrt
 import cv2
 import numpy as np
 
+from acquisition.photographs import CodedSteps
 from analysis.changes._colour import Bounds, ChannelDifference, ColourPlanes, colour_planes
 from analysis.changes._document import KernelOrigin
 from analysis.changes._photograph_pair import ChangeOptions, PhotographPair
@@ -96,7 +97,7 @@ class Comparison:
     photographs in colour. ``drawn_apart``: of drawings of two levels, where they differ, and where
     by more than an outline that is a pixel away. ``bounds``: of the difference, where an end of
     the scale hides a part of it; the difference itself is what is surely there. ``steps_dn``: of
-    compressed files, standard deviation by their steps, which is expected behind any width.
+    JPEG files, standard deviation by their steps. ``coded_steps``: see `ChangeOptions`.
     """
 
     is_on_followup: bool
@@ -122,6 +123,7 @@ class Comparison:
     drawn_apart: tuple[BoolArray, BoolArray] | None = field(default=None, repr=False)
     bounds: Bounds | None = field(default=None, repr=False)
     steps_dn: Float32Array | None = field(default=None, repr=False)
+    coded_steps: tuple[CodedSteps, ...] = field(default=(), repr=False)
 
     @property
     def followup_smoothing_px(self) -> float:
@@ -165,8 +167,8 @@ def compare(
         # Where something large is new, the levels before it tell of no curve.
         if again.loss < matched.loss:
             matched = again
-    stated = matched.as_coded() if options.is_compressed else matched
-    compared = _compared(stated, _focus(stated, psf), is_compressed=options.is_compressed)
+    stated = matched.as_coded() if options.coded_steps else matched
+    compared = _compared(stated, _focus(stated, psf), options.coded_steps)
     if options.colours is None:
         return compared
     colours = _in_colour(matched, pair, options)
@@ -361,7 +363,7 @@ def _scatter(matched: _Matched, difference: Float32Array) -> tuple[Float32Array,
     return sd, share
 
 
-def _compared(matched: _Matched, focus: _Focus, *, is_compressed: bool) -> Comparison:
+def _compared(matched: _Matched, focus: _Focus, coded_steps: tuple[CodedSteps, ...]) -> Comparison:
     pair, smoothing, valid, fit = matched.pair, matched.smoothing, matched.valid, matched.fit
     seen, target = matched.seen, matched.target
     # In place where it can be: a large frame's images are most of what a comparison holds.
@@ -420,7 +422,8 @@ def _compared(matched: _Matched, focus: _Focus, *, is_compressed: bool) -> Compa
         warnings=(*focus.warnings, *_unexplained(share)),
         drawn_apart=_drawn_apart(pair) if pair.is_drawn else None,
         bounds=bounds,
-        steps_dn=_steps_dn(matched, scale) if is_compressed else None,
+        steps_dn=_steps_dn(matched, scale) if coded_steps else None,
+        coded_steps=coded_steps,
     )
 
 
@@ -487,7 +490,7 @@ def _in_colour(luma: _Matched, pair: PhotographPair, options: ChangeOptions) -> 
     planes = colour_planes(
         _channel_difference(luma), found, colours.step_correlation, luma.smoothing.target_px
     )
-    return planes if options.is_compressed else replace(planes, steps_dn=None)
+    return planes if options.coded_steps else replace(planes, steps_dn=None)
 
 
 def _channel_difference(matched: _Matched) -> ChannelDifference:

@@ -14,6 +14,7 @@ from typing import Self
 import cv2
 import numpy as np
 
+from acquisition.photographs import CodedSteps
 from analysis.changes._colour import Bounds, ColourPlanes, to_channels, to_luma_red_blue, to_rgb
 from analysis.changes._comparison import Comparison
 from analysis.changes._significance import (
@@ -197,6 +198,9 @@ _NEVER = 1e-6
 _HIDDEN = 0.05
 """Share of a filter over pixels of which a part is hidden, up to which a place is told."""
 
+_OF_CHROMA = 2.0
+"""Variance of red by its chroma over that by luma, where both are as large: the square of 1.4."""
+
 _ROUNDS = 4
 _LEAST_WEIGHT = 0.5
 _TAILS = 4.0
@@ -343,7 +347,8 @@ def _of_colours(compared: Comparison, planes: ColourPlanes) -> Iterator[Detectio
                 sd_dn=planes.sd_dn[plane],
                 bounds=None if planes.bounds is None else planes.bounds[plane],
                 steps_dn=None if planes.steps_dn is None else planes.steps_dn[plane],
-            )
+            ),
+            is_chroma=plane > 0,
         )
         for plane in range(PLANES)
     ]
@@ -356,8 +361,11 @@ def _of_colours(compared: Comparison, planes: ColourPlanes) -> Iterator[Detectio
         yield replace(level, filter_width=width, colours=colours)
 
 
-def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
-    """The levels, as far as the frame has independent places of them."""
+def _smoothed_further(compared: Comparison, *, is_chroma: bool = False) -> Iterator[DetectionLevel]:
+    """The levels, as far as the frame has independent places of them.
+
+    ``is_chroma``: of a plane of which the coefficients of chroma make most of what steps do.
+    """
     compared_px, own = int(np.count_nonzero(compared.valid)), compared.smoothing_px
     sums = _Sums.of(compared)
     log_factor, err = 0.0, 0.0
@@ -383,11 +391,33 @@ def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
         prior = err**2 + _PRIOR_ERR**2
         log_factor += (measured - log_factor) * prior / (prior + measured_err**2)
         err = sqrt(prior * measured_err**2 / (prior + measured_err**2))
+        sd_dn = level.sd_dn * np.float32(exp(log_factor))
+        if sums.steps is not None:
+            widths = own * _NARROWEST, width
+            share = _share_of_steps(compared.coded_steps, widths, is_chroma=is_chroma)
+            sd_dn = np.maximum(sd_dn, sums.steps_dn(own, counts) * np.float32(sqrt(share)))
         yield replace(
             level,
             filter_width=replace(level.filter_width, spread_err=hypot(SPREAD_ERR, err)),
-            sd_dn=sums.at_least_by_steps(level.sd_dn * np.float32(exp(log_factor)), own, counts),
+            sd_dn=sd_dn,
         )
+
+
+def _share_of_steps(
+    coded_steps: Sequence[CodedSteps], widths_px: tuple[float, float], *, is_chroma: bool
+) -> float:
+    """Variance of the steps behind the second of two Gaussians, as white noise that is as large.
+
+    Over that of white noise as large behind the first one. The steps of fine detail are the
+    largest: a wide filter sees few of them, of chroma above all.
+    """
+
+    def behind(width_px: float) -> float:
+        both = [coded.variance(width_px) for coded in coded_steps]
+        return sum(luma + _OF_CHROMA * is_chroma * chroma for luma, chroma in both)
+
+    narrow, wide = (behind(width_px) for width_px in widths_px)
+    return wide / narrow
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -453,14 +483,10 @@ class _Sums:
             bounds=bounds,
         )
 
-    def at_least_by_steps(
-        self, sd_dn: Float32Array, own_px: float, valid: BoolArray
-    ) -> Float32Array:
-        """A standard deviation of the level, no less than what the steps of the files give."""
-        if self.steps is None:
-            return sd_dn
-        weight = np.where(valid, self.weight, np.float32(1))
-        return np.maximum(sd_dn, self._sd_dn(self.steps, own_px, weight))
+    def steps_dn(self, own_px: float, valid: BoolArray) -> Float32Array:
+        """Standard deviation that errors as large as those of the steps have, if they are white."""
+        assert self.steps is not None, "compressed files"
+        return self._sd_dn(self.steps, own_px, np.where(valid, self.weight, np.float32(1)))
 
     def _sd_dn(self, variance: Float32Array, own_px: float, weight: Float32Array) -> Float32Array:
         """That of white noise behind the width, from a sum of its variance."""

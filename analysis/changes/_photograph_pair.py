@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from acquisition.photographs import CodedSteps
 from analysis.changes._colour import PairColours
 from analysis.changes._ends import (
     Ends,
@@ -82,7 +83,7 @@ class ChangeOptions(ChangeCriteria):
     ``noise``. ``step_variance_dn2``: variance of each pixel of the reference and the follow-up by
     the steps of their files, where those are known; otherwise they are looked for among the levels.
     ``step_dn``: steps of the levels of reference and follow-up, at each pixel, where they are
-    known. ``is_compressed``: whether the steps are those of a JPEG's coefficients too: of most
+    known. ``coded_steps``: those of coefficients, of the files that are JPEGs: of most
     blocks nothing is seen of them, of a few all. ``coded_alike``: gives reference and follow-up as
     they would be in files that are coded alike, for photographs whose pixels lie upon each other.
     ``colours``: of photographs in colour; without them the levels are compared alone.
@@ -102,7 +103,7 @@ class ChangeOptions(ChangeCriteria):
     variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
     step_variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
     step_dn: tuple[Float32Array | None, Float32Array | None] = (None, None)
-    is_compressed: bool = False
+    coded_steps: tuple[CodedSteps, ...] = ()
     coded_alike: Callable[[], CodedAlike] | None = None
     colours: PairColours | None = None
     limit_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)

@@ -391,7 +391,7 @@ def compared(
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
         step_variance_dn2=(before.variance_dn2, after.variance_dn2),
         step_dn=(before.step_dn, after.step_dn),
-        is_compressed=before.is_compressed or after.is_compressed,
+        coded_steps=tuple(one.coded for one in (before, after) if one.coded is not None),
         coded_alike=lambda: _coded_alike(near, far, colours),
         colours=colours,
     )

@@ -119,7 +119,7 @@ def test_a_png_has_the_steps_of_each_channel(tmp_path: Path) -> None:
     assert np.allclose(found.channel_variance_dn2, 1 / 12)
     assert found.channel_covariance is not None
     assert np.allclose(found.channel_covariance, np.eye(3) / 12)
-    assert not found.is_compressed
+    assert found.coded is None
     assert read_photograph(tmp_path / "a.png").file_steps.channel_step_dn is not None
     assert photograph_of(levels[..., 0], "a").file_steps.channel_step_dn is None
 
