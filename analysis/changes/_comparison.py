@@ -390,11 +390,10 @@ def _compared(matched: _Matched, focus: _Focus, coded_steps: tuple[CodedSteps, .
         scale = 1 / pair.tone_slope
     else:
         scale = None
-    left_out = ~compared
     for image in (difference, plain):
         if scale is not None:
             image *= scale
-        image[left_out] = 0
+        image[~compared] = 0
     if scale is not None:
         sd *= np.abs(scale)
     bounds = Bounds.of(difference, sd, may_be_more & compared, may_be_less & compared)
