@@ -301,7 +301,8 @@ def _real_pairs(record: Recorder, repeats: int) -> None:
             f"{name}: {len(found.changes)} changes of {left:.0f} px left, "
             f"{len(found.moved)} movements of {moved:.0f} px"
         )
-        record.figure(f"pixels left, {name}", 100 * left / (left + moved), "%")
+        if left + moved > 0:
+            record.figure(f"pixels left, {name}", 100 * left / (left + moved), "%")
         options = ChangeOptions(pose=result.pose)
         for repeat in range(repeats):
             rng = np.random.default_rng(50 + repeat)
