@@ -39,6 +39,7 @@ from benchmarks.studies.capture_model import true_psf
 from benchmarks.studies.changes import TARGETS, bench_of
 from benchmarks.truth.lenses import Camera, f_number, gaussian
 from benchmarks.truth.pairs import Development, PairPose, pair_of, scene
+from calibration.errors import RegistrationError
 from calibration.registration import DistortedPose
 from simulation import GaussianPsf, LensOtf, MeasuredPsf, Psf
 from simulation.arrays import FloatArray
