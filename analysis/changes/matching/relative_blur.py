@@ -108,6 +108,10 @@ class RelativeBlur:
         return max(found)
 
 
+_NOTHING = RelativeBlur(value_px2=0.0, err_px2=inf)
+"""Of photographs that do not tell it."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Smoothing:
     """Gaussians that bring two photographs to one sharpness, widths in pixels of the grid."""
@@ -139,17 +143,22 @@ def relative_blur(
     zoom = positions.zoom
     noises = _noises_dn(source, target, positions, valid)
     value = expected_px2
-    step = RelativeBlur(value_px2=0.0, err_px2=inf)
-    for _ in range(_ROUNDS):
+    step = _NOTHING
+    for number in range(_ROUNDS):
         widths = smoothing_for(value)
         areas = 4 * pi * (widths.source_px * zoom) ** 2, 4 * pi * widths.target_px**2
         coefficients = positions.coefficients(source, widths.source_px * zoom)
         sides = _Sides.of(coefficients, target, positions, valid, widths.target_px)
-        step = sides.related(
-            tuple(noise**2 / area for noise, area in zip(noises, areas, strict=True)),
-            tuple(one / area for one, area in zip(steps_dn2, areas, strict=True)),
-            widths,
-        )
+        noise_dn2 = tuple(noise**2 / area for noise, area in zip(noises, areas, strict=True))
+        coded_dn2 = tuple(one / area for one, area in zip(steps_dn2, areas, strict=True))
+        step = sides.related(noise_dn2, coded_dn2, widths)
+        if number == 0 and not step.err_px2 < inf:
+            # Lines of the sharper one pass for more noise than both have in common. Once both are
+            # as sharp, what is told has to stand out from it.
+            rough = sides.related((0.0, 0.0), coded_dn2, widths)
+            if rough.err_px2 < inf:
+                value = float(np.clip(value + rough.value_px2, -_MOST_PX2, _MOST_PX2))
+                continue
         if not step.err_px2 < inf:
             return replace(step, value_px2=expected_px2, noises_dn=noises)
         value = float(np.clip(value + step.value_px2, -_MOST_PX2, _MOST_PX2))
@@ -327,10 +336,6 @@ class _Sides:
             displacement_covariance_px2=covariance[np.ix_(moved, moved)],
             unlike=_unlike(residual, columns, weight),
         )
-
-
-_NOTHING = RelativeBlur(value_px2=0.0, err_px2=inf)
-"""Of photographs that do not tell it."""
 
 
 def _is_told(normal: FloatArray, shrunk: FloatArray) -> bool:

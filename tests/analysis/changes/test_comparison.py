@@ -204,3 +204,27 @@ def test_something_large_and_new_does_not_pass_for_light_or_a_tone_curve(covered
     new[: 485 - round(covered * 480)] = False
     assert found.is_change[new].all()
     assert {change.what for change in found.summary.changes} <= {"new", "darker"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_swapped", [False, True])
+@pytest.mark.parametrize("contrast_dn", [40.0, 60.0])
+def test_of_lines_out_of_focus_blur_and_light_are_told(
+    is_swapped: bool, contrast_dn: float
+) -> None:
+    """Fine lines of the sharp one passed for noise, so that nothing was told: the gain was .85."""
+    pose = PairPose(zoom=1.0, turn_deg=2.0, shift=(0.02, -0.01))
+    cameras = (gaussian(1.8, has_pixel=False), gaussian(0.5, has_pixel=False))
+    frame = (290, 390)
+    pair = pair_of(scene("text", frame, 7003, contrast_dn=contrast_dn), frame, pose, cameras)
+    photographs = pair.developed(NOISE, NOISE, 7303)
+    known = at_rest(frame, pair.matrix)
+    if is_swapped:
+        photographs, known = photographs[::-1], known.inverse()
+    found = changes_between(*photographs, None, ChangeOptions(pose=known)).summary
+    sharper_px2 = 1.8**2 - 0.5**2
+    assert found.extra_blur_px2 == pytest.approx(
+        sharper_px2 if is_swapped else -sharper_px2, abs=0.03
+    )
+    assert found.gain == pytest.approx(1.0, abs=0.003)
+    assert found.changes == ()
