@@ -201,6 +201,10 @@ _HIDDEN = 0.05
 _OF_CHROMA = 2.0
 """Variance of red by its chroma over that by luma, where both are as large: the square of 1.4."""
 
+_LEAST_OF_STEPS = 0.25
+"""Share of the variance by steps: wide filters that were far surer than narrow ones would take what
+is side by side for one change."""
+
 _ROUNDS = 4
 _LEAST_WEIGHT = 0.5
 _TAILS = 4.0
@@ -417,7 +421,7 @@ def _share_of_steps(
         return sum(luma + _OF_CHROMA * is_chroma * chroma for luma, chroma in both)
 
     narrow, wide = (behind(width_px) for width_px in widths_px)
-    return wide / narrow
+    return max(wide / narrow, _LEAST_OF_STEPS)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
