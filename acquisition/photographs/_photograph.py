@@ -26,6 +26,7 @@ from acquisition.photographs._stored_image import (
     CodedSteps,
     JpegCoding,
     PhotographFacts,
+    coded_variance,
 )
 from acquisition.printable import on_one_line
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
@@ -365,14 +366,13 @@ class Photograph(PhotographHead):
         if not self.is_colour:
             return grey
         each = np.square(slopes.astype(np.float32))
-        by_code = np.eye(3) / 12
         by_coefficients = self._coded_covariance
         lost = np.diag(by_coefficients).astype(np.float32)
         return replace(
             grey,
             channel_variance_dn2=each * (np.float32(1 / 12) + lost),
             channel_step_dn=np.sqrt(each * (1 + lost)),
-            channel_covariance=by_code + by_coefficients,
+            channel_covariance=np.eye(3) / 12 + by_coefficients,
         )
 
     @property
@@ -448,14 +448,13 @@ class Photograph(PhotographHead):
         coded = self.coded_steps
         if coded is None:
             return squares, np.zeros(1)
+        by_luma = np.square(planes @ weights)
+        if not self.is_colour:
+            return squares, by_luma * coded_variance(coded.luma)
         luma, chroma = coded.variance()
-        # Luma of colours is rounded before it is transformed, and once more with the chroma.
-        luma += 1 / 12 if self.is_colour else -1 / 12
-        variance = np.square(planes @ weights) * luma
-        if self.is_colour:
-            by_chroma = planes @ (weights[:, np.newaxis] * FROM_CHROMA)
-            variance = variance + np.square(by_chroma).sum(axis=-1) * chroma
-        return squares, variance
+        by_chroma = np.square(planes @ (weights[:, np.newaxis] * FROM_CHROMA)).sum(axis=-1)
+        # The luma is rounded once more with the chroma.
+        return squares, by_luma * (luma + 1 / 12) + by_chroma * chroma
 
     @property
     def _decoding_slopes(self) -> FloatArray:

@@ -183,15 +183,15 @@ class ColourPlanes:
     """Luma, red without what the luma predicts, and blue without what both do.
 
     ``difference_dn, sd_dn``: shape ``(3, rows, cols)``. ``by_others``: levels of red by one of the
-    luma's, of blue by one of it, and of blue by one of the second plane's, likewise. ``steps_dn``:
-    standard deviations by the steps of the files, likewise; None where they are not known.
+    luma's, of blue by one of it, and of blue by one of the second plane's, likewise. ``steps_dn2``:
+    variance of each by the steps of the files, None where they are not known.
     ``bounds``: of each plane, where an end of the scale hides something.
     """
 
     difference_dn: Float32Array = field(repr=False)
     sd_dn: Float32Array = field(repr=False)
     by_others: Float32Array = field(repr=False)
-    steps_dn: Float32Array | None = field(default=None, repr=False)
+    steps_dn2: tuple[Float32Array | None, ...] = field(default=(None, None, None), repr=False)
     bounds: "tuple[Bounds, ...] | None" = field(default=None, repr=False)
 
 
@@ -259,7 +259,7 @@ def colour_planes(
         difference_dn=np.stack([own, first, second]),
         sd_dn=np.stack([own_sd, first_sd, second_sd]),
         by_others=np.stack([red_by_luma, blue_by_luma, blue_by_red]),
-        steps_dn=_known((luma.rounding_dn2, first_least, second_least)),
+        steps_dn2=(luma.rounding_dn2, first_least, second_least),
         bounds=bounds if any(one.hidden[is_compared].any() for one in bounds) else None,
     )
 
@@ -290,12 +290,6 @@ def _by_steps(
             own += np.float32(2 * correlation[number, other]) * sd * sds[other]
         total = own if total is None else total + own
     return None if total is None else np.maximum(total, np.float32(0))
-
-
-def _known(variances_dn2: Sequence[Float32Array | None]) -> Float32Array | None:
-    """Standard deviations, shape ``(3, rows, cols)``; None where one is not known."""
-    known = [one for one in variances_dn2 if one is not None]
-    return np.sqrt(np.stack(known)) if len(known) == len(variances_dn2) else None
 
 
 def _predicted_sd(channel: ChannelDifference, valid: BoolArray) -> Float32Array:

@@ -96,8 +96,8 @@ class Comparison:
     sentences on what makes the comparison doubtful. ``colours``: what the channels say together, of
     photographs in colour. ``drawn_apart``: of drawings of two levels, where they differ, and where
     by more than an outline that is a pixel away. ``bounds``: of the difference, where an end of
-    the scale hides a part of it; the difference itself is what is surely there. ``steps_dn``: of
-    JPEG files, standard deviation by their steps. ``coded_steps``: see `ChangeOptions`.
+    the scale hides a part of it; the difference itself is what is surely there. ``steps_dn2``:
+    of JPEG files, its variance by their steps. ``coded_steps``: see `ChangeOptions`.
     """
 
     is_on_followup: bool
@@ -122,7 +122,7 @@ class Comparison:
     colours: ColourPlanes | None = field(default=None, repr=False)
     drawn_apart: tuple[BoolArray, BoolArray] | None = field(default=None, repr=False)
     bounds: Bounds | None = field(default=None, repr=False)
-    steps_dn: Float32Array | None = field(default=None, repr=False)
+    steps_dn2: Float32Array | None = field(default=None, repr=False)
     coded_steps: tuple[CodedSteps, ...] = field(default=(), repr=False)
 
     @property
@@ -350,8 +350,10 @@ def _focus(matched: _Matched, psf: Psf | PsfField | None) -> _Focus:
     return _Focus(kernel="both", extra_px2=extra_px2, err_px2=err_px2, warnings=(warning,))
 
 
-def _scatter(matched: _Matched, difference: Float32Array) -> tuple[Float32Array, float]:
-    """Calibrated standard deviation, and the share of the variance that noise does not explain."""
+def _scatter(
+    matched: _Matched, difference: Float32Array
+) -> tuple[Float32Array, float, Float32Array | None]:
+    """Calibrated standard deviation, share of the variance beside noise, variance by steps."""
     valid, smoothing = matched.valid, matched.smoothing
     variance, noise = matched.variance_dn2, matched.noise_variance_dn2
     sd = calibrated_factor(difference, variance, noise, valid, smoothing.target_px)
@@ -360,7 +362,7 @@ def _scatter(matched: _Matched, difference: Float32Array) -> tuple[Float32Array,
     rounding = matched.rounding_variance_dn2
     if rounding is not None:
         np.maximum(sd, np.sqrt(rounding), out=sd)
-    return sd, share
+    return sd, share, rounding
 
 
 def _compared(matched: _Matched, focus: _Focus, coded_steps: tuple[CodedSteps, ...]) -> Comparison:
@@ -368,7 +370,7 @@ def _compared(matched: _Matched, focus: _Focus, coded_steps: tuple[CodedSteps, .
     seen, target = matched.seen, matched.target
     # In place where it can be: a large frame's images are most of what a comparison holds.
     difference = fit.model.difference(seen, target)
-    sd, share = _scatter(matched, difference)
+    sd, share, steps_dn2 = _scatter(matched, difference)
     compared, may_be_more, may_be_less = _between_ends(pair, smoothing)
     gain, offset = fit.model.light((seen.shape[0], seen.shape[1]))
     mean_gain = float(gain[valid].mean())
@@ -381,21 +383,16 @@ def _compared(matched: _Matched, focus: _Focus, coded_steps: tuple[CodedSteps, .
     plain *= gain
     np.subtract(target, plain, out=plain)
     plain -= offset
+    scale = _to_after_minus_before(pair, gain)
     if not pair.is_on_followup:
-        # So far before minus after, in the reference's levels.
-        scale = np.divide(np.float32(-1), gain, out=gain)
         may_be_more, may_be_less = may_be_less, may_be_more
-    elif pair.tone_slope is not None:
-        # So far in the levels that the tone curve made.
-        scale = 1 / pair.tone_slope
-    else:
-        scale = None
     for image in (difference, plain):
         if scale is not None:
             image *= scale
         image[~compared] = 0
     if scale is not None:
         sd *= np.abs(scale)
+        steps_dn2 = None if steps_dn2 is None else steps_dn2 * np.square(scale)
     bounds = Bounds.of(difference, sd, may_be_more & compared, may_be_less & compared)
     return Comparison(
         is_on_followup=pair.is_on_followup,
@@ -421,17 +418,21 @@ def _compared(matched: _Matched, focus: _Focus, coded_steps: tuple[CodedSteps, .
         warnings=(*focus.warnings, *_unexplained(share)),
         drawn_apart=_drawn_apart(pair) if pair.is_drawn else None,
         bounds=bounds,
-        steps_dn=_steps_dn(matched, scale) if coded_steps else None,
+        steps_dn2=steps_dn2 if coded_steps else None,
         coded_steps=coded_steps,
     )
 
 
-def _steps_dn(matched: _Matched, scale: Float32Array | None) -> Float32Array | None:
-    """Standard deviation by the steps of the files, in the follow-up's levels."""
-    variance = matched.rounding_variance_dn2
-    if variance is None:
-        return None
-    return np.sqrt(variance) if scale is None else np.sqrt(variance) * np.abs(scale)
+def _to_after_minus_before(pair: PhotographPair, gain: Float32Array) -> Float32Array | None:
+    """What takes a difference there, in the follow-up's levels; None of one that is so already.
+
+    Works in place of the ``gain``.
+    """
+    if not pair.is_on_followup:
+        # So far before minus after, in the reference's levels.
+        return np.divide(np.float32(-1), gain, out=gain)
+    # Otherwise in the levels that the tone curve made, if there is one.
+    return None if pair.tone_slope is None else np.asarray(1 / pair.tone_slope, dtype=np.float32)
 
 
 def _drawn_apart(pair: PhotographPair) -> tuple[BoolArray, BoolArray]:
@@ -489,7 +490,7 @@ def _in_colour(luma: _Matched, pair: PhotographPair, options: ChangeOptions) -> 
     planes = colour_planes(
         _channel_difference(luma), found, colours.step_correlation, luma.smoothing.target_px
     )
-    return planes if options.coded_steps else replace(planes, steps_dn=None)
+    return planes if options.coded_steps else replace(planes, steps_dn2=(None, None, None))
 
 
 def _channel_difference(matched: _Matched) -> ChannelDifference:

@@ -350,7 +350,7 @@ def _of_colours(compared: Comparison, planes: ColourPlanes) -> Iterator[Detectio
                 difference_dn=planes.difference_dn[plane],
                 sd_dn=planes.sd_dn[plane],
                 bounds=None if planes.bounds is None else planes.bounds[plane],
-                steps_dn=None if planes.steps_dn is None else planes.steps_dn[plane],
+                steps_dn2=planes.steps_dn2[plane],
             ),
             is_chroma=plane > 0,
         )
@@ -429,7 +429,7 @@ class _Sums:
     """Weighted sums behind a width: of the difference, its variance, and the weights of both.
 
     A sum of white noise over a Gaussian's weights has the variance over their squares, which are
-    those of a Gaussian narrower by sqrt(2). ``steps``: of the variance by the steps of the files.
+    those of a Gaussian narrower by sqrt(2). ``steps``: of the variance by the steps of JPEG files.
     """
 
     width_px: float
@@ -451,7 +451,7 @@ class _Sums:
             variance=np.asarray(variance, dtype=np.float32),
             weight=weight,
             bounds=compared.bounds and compared.bounds.through(lambda one: one * weight),
-            steps=None if compared.steps_dn is None else np.square(compared.steps_dn) * weight,
+            steps=None if compared.steps_dn2 is None else compared.steps_dn2 * weight,
         )
 
     def wider(self, width_px: float, step_px: int) -> "_Sums":

@@ -150,19 +150,17 @@ def relative_blur(
         coefficients = positions.coefficients(source, widths.source_px * zoom)
         sides = _Sides.of(coefficients, target, positions, valid, widths.target_px)
         noise_dn2 = tuple(noise**2 / area for noise, area in zip(noises, areas, strict=True))
-        coded_dn2 = tuple(one / area for one, area in zip(steps_dn2, areas, strict=True))
-        step = sides.related(noise_dn2, coded_dn2, widths)
-        if number == 0 and not step.err_px2 < inf:
+        by_steps_dn2 = tuple(one / area for one, area in zip(steps_dn2, areas, strict=True))
+        step = sides.related(noise_dn2, by_steps_dn2, widths)
+        is_rough = number == 0 and not step.err_px2 < inf
+        if is_rough:
             # Lines of the sharper one pass for more noise than both have in common. Once both are
             # as sharp, what is told has to stand out from it.
-            rough = sides.related((0.0, 0.0), coded_dn2, widths)
-            if rough.err_px2 < inf:
-                value = float(np.clip(value + rough.value_px2, -_MOST_PX2, _MOST_PX2))
-                continue
+            step = sides.related((0.0, 0.0), by_steps_dn2, widths)
         if not step.err_px2 < inf:
             return replace(step, value_px2=expected_px2, noises_dn=noises)
         value = float(np.clip(value + step.value_px2, -_MOST_PX2, _MOST_PX2))
-        if abs(step.value_px2) < max(_CONVERGED_PX2, 0.1 * step.err_px2):
+        if not is_rough and abs(step.value_px2) < max(_CONVERGED_PX2, 0.1 * step.err_px2):
             break
     return replace(step, value_px2=value, noises_dn=noises)
 

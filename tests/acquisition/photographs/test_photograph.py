@@ -13,7 +13,13 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 import standoff
-from acquisition.photographs import LINEAR, ReadOptions, photograph_of, read_photograph
+from acquisition.photographs import (
+    LINEAR,
+    CodedSteps,
+    ReadOptions,
+    photograph_of,
+    read_photograph,
+)
 from acquisition.photographs._encoding import REC601_LUMA
 from simulation.arrays import FloatArray
 from standoff.errors import ImageFileError
@@ -108,6 +114,23 @@ def test_what_a_channel_s_error_has_beside_the_luma_s_is_its_chroma_s(
     expected = float(beside @ covariance @ beside)
     assert np.mean((error @ beside) ** 2) <= 1.3 * gain * expected  # as above
     assert expected < 1.2 * float(covariance[channel, channel])
+
+
+@pytest.mark.parametrize("width_px", [1.0, 2.8, 11.3])
+def test_equal_steps_are_white_behind_any_filter(width_px: float) -> None:
+    step = 6.0
+    coded = CodedSteps(
+        luma=np.full((8, 8), step), chroma=np.full((8, 8), step), halved=(False, False)
+    )
+    # A coefficient's error is even over its step; luma and chroma are rounded before that.
+    assert coded.variance(width_px) == pytest.approx((step**2 / 12 + 1 / 12,) * 2)
+
+
+def test_a_wide_filter_sees_the_coarsest_coefficient_alone() -> None:
+    steps = np.full((8, 8), 40.0)
+    steps[0, 0] = 3.0
+    coded = CodedSteps(luma=steps, chroma=steps, halved=(False, False))
+    assert coded.variance(50.0) == pytest.approx((9 / 12 + 1 / 12,) * 2)
 
 
 def test_a_png_has_the_steps_of_each_channel(tmp_path: Path) -> None:

@@ -220,3 +220,21 @@ def test_two_noisy_jpegs_in_strong_colours_differ_in_nothing(tmp_path: Path) -> 
             with_entries += bool(found(*paths).changes)
     # 5 % of pairs are stated to have any: more than 4 of 12 in less than one of 1,000.
     assert with_entries <= 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["coffee", "astronaut"])
+def test_in_noisy_jpegs_a_disc_of_another_colour_is_found(tmp_path: Path, name: str) -> None:
+    """The same files with something there: a floor that hid all of it would pass above."""
+    rng = np.random.default_rng(65)
+    scene = np.asarray(Image.open(Path(data.__file__).parent / f"{name}.png").convert("RGB"))
+    scene = scene[-280:, -380:].astype(np.float64)
+    y, x = np.indices(scene.shape[:2])
+    changed = scene.copy()
+    changed[np.hypot(y - 150, x - 200) < 8] += (40.0, -12.0, -24.0)
+    paths = [
+        written(tmp_path / f"{side}.jpg", image + rng.normal(0, 2, scene.shape), 90)
+        for side, image in (("before", scene), ("after", changed))
+    ]
+    (change,) = found(*paths).changes
+    assert np.hypot(change.x_px - 200, change.y_px - 150) < 3
