@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from PIL.JpegImagePlugin import JpegImageFile, get_sampling
+from scipy.fft import idct
 
 from acquisition.choices import Pattern
 from acquisition.photographs._encoding import LINEAR, Encoding
@@ -160,6 +161,9 @@ FROM_CHROMA = np.array([[0.0, 1.402], [-0.344136, -0.714136], [1.772, 0.0]])
 _SIZE = 8
 """Of a block of coefficients."""
 
+_FREQUENCIES = 1024
+"""Of the spectra of their patterns: enough for filters of 100 px."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JpegCoding:
@@ -218,17 +222,23 @@ def coded_variance(
 ) -> float:
     """Variance of white noise as large as the coefficients' errors are, behind a Gaussian.
 
-    Each of the ``steps``, shape ``(8, 8)``, gives the density at its frequency, half that and twice
-    as dense along axes that are ``halved``.
+    An error is even over its step, of ``steps``, shape ``(8, 8)``. Along axes that are ``halved``,
+    pixels between the coded ones are interpolated linearly.
     """
-    density = np.square(np.asarray(steps, dtype=np.float64)) / 12
-    weight = np.ones((1, 1))
-    for is_half in halved:
-        frequency = np.arange(_SIZE) / (2 * _SIZE) / (2 if is_half else 1)
-        weight = np.multiply.outer(weight, np.exp(-((2 * np.pi * width_px * frequency) ** 2)))
-    weight = weight.reshape(_SIZE, _SIZE)
-    whole = np.exp(-((2 * np.pi * width_px * np.arange(_SIZE) / (2 * _SIZE)) ** 2))
-    return float((density * weight).sum() / np.outer(whole, whole).sum())
+    frequency = np.fft.fftfreq(_FREQUENCIES)
+    kept = np.exp(-((2 * np.pi * width_px * frequency) ** 2))
+    rows, columns = (_spectra(is_half) @ kept / kept.sum() for is_half in halved)
+    return float(rows @ (np.square(np.asarray(steps, dtype=np.float64)) / 12) @ columns)
+
+
+def _spectra(is_half: bool) -> FloatArray:
+    """Mean power of each coefficient's pattern a pixel, shape ``(8, frequencies)``."""
+    patterns = idct(np.eye(_SIZE), axis=1, norm="ortho")
+    if is_half:
+        patterns = np.repeat(patterns, 2, axis=1)
+    spectra = np.square(np.abs(np.fft.fft(patterns, _FREQUENCIES, axis=1))) / patterns.shape[1]
+    # Interpolated pixels are repeated ones behind weights of 1, 2 and 1.
+    return spectra * np.cos(np.pi * np.fft.fftfreq(_FREQUENCIES)) ** 4 if is_half else spectra
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -245,11 +255,10 @@ class CodedSteps:
     def variance(self, width_px: float = 1.0) -> tuple[float, float]:
         """Of luma and of either plane of chroma, in squared codes: see `coded_variance`.
 
-        Of halved chroma it is too little behind more than some 3 px, a quarter at the least.
+        Both are rounded before they are transformed.
         """
-        luma = coded_variance(self.luma, width_px=width_px)
-        # Both are rounded before they are transformed.
-        return luma + 1 / 12, coded_variance(self.chroma, self.halved, width_px) + 1 / 12
+        luma = coded_variance(np.hypot(self.luma, 1), width_px=width_px)
+        return luma, coded_variance(np.hypot(self.chroma, 1), self.halved, width_px)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

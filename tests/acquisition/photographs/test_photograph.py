@@ -1,5 +1,6 @@
 """The levels of a file as they were stored, its clipping, and the variance of its steps."""
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import tifffile
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.JpegImagePlugin import JpegImageFile
 from scipy.ndimage import gaussian_filter
 
 import standoff
@@ -130,7 +132,32 @@ def test_a_wide_filter_sees_the_coarsest_coefficient_alone() -> None:
     steps = np.full((8, 8), 40.0)
     steps[0, 0] = 3.0
     coded = CodedSteps(luma=steps, chroma=steps, halved=(False, False))
-    assert coded.variance(50.0) == pytest.approx((9 / 12 + 1 / 12,) * 2)
+    # The others let so little through at a frequency of 1/300 that a hundredth of theirs is most.
+    assert coded.variance(50.0) == pytest.approx((9 / 12 + 1 / 12,) * 2, abs=40**2 / 12 / 100)
+
+
+@pytest.mark.parametrize("width_px", [1.0, 2.0, 2.8, 5.7, 11.3])
+@pytest.mark.parametrize("sampling", ["4:4:4", "4:2:0"])
+def test_of_strong_noise_chroma_loses_what_its_steps_say(sampling: str, width_px: float) -> None:
+    """Against Pillow's coder: steps of 1 with the same sampling lose nothing beside these."""
+    levels = np.random.default_rng(17).normal(128, 30, (800, 800, 3)).clip(0, 255).astype(np.uint8)
+
+    def coded(**how: Any) -> tuple[FloatArray, FloatArray]:
+        file = BytesIO()
+        Image.fromarray(levels).save(file, "JPEG", subsampling=sampling, **how)
+        image = Image.open(file)
+        assert isinstance(image, JpegImageFile)
+        image.draft("YCbCr", image.size)
+        steps = np.reshape(image.quantization[1], (8, 8)).astype(np.float64)
+        return np.asarray(image, dtype=np.float64)[..., 1], steps
+
+    chroma, steps = coded(quality=90)
+    error = chroma - coded(qtables=[[1] * 64] * 2)[0]
+    filtered = gaussian_filter(error - error.mean(), width_px, mode="wrap", truncate=6)
+    halved = (sampling == "4:2:0",) * 2
+    _, expected = CodedSteps(luma=steps, chroma=steps, halved=halved).variance(width_px)
+    measured = 4 * np.pi * width_px**2 * filtered.var()
+    assert measured == pytest.approx(expected, rel=0.2)
 
 
 def test_a_png_has_the_steps_of_each_channel(tmp_path: Path) -> None:
