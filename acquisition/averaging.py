@@ -70,12 +70,12 @@ _TORN_REMEDY = (
 )
 _SHAPE_REMEDY = "restart the camera, then run again"
 _EXPOSURE_REMEDY = (
-    "the camera states another exposure than it was set to; switch its automatic exposure and "
-    "sequencer off, then run again"
+    "the camera states a different exposure from the one that was set; switch its automatic "
+    "exposure and sequencer off, then run again"
 )
 _GAIN_REMEDY = (
-    "the camera states another gain than it was set to; switch its automatic gain and sequencer "
-    "off, then run again"
+    "the camera states a different gain from the one that was set; switch its automatic gain and "
+    "sequencer off, then run again"
 )
 _SLOW_REMEDY = "end other programs or ask for fewer frames_per_capture, then run again"
 
@@ -249,8 +249,8 @@ class _Tally:
             "incomplete": self.incomplete,
             "with a repeated id": self.repeated,
             "of the wrong shape": self.misshapen,
-            "with another exposure": self.otherwise_exposed + self.stale,
-            "with another gain": self.otherwise_amplified,
+            "with a different exposure": self.otherwise_exposed + self.stale,
+            "with a different gain": self.otherwise_amplified,
         }
         refused = {what: count for what, count in counts.items() if count}
         faults = ", ".join(f"{count} {what}" for what, count in refused.items())

@@ -255,7 +255,7 @@ class ExposureControl:
                 self._frames_late = max(
                     self._frames_late, min(skipped + frames_asked, _MOST_SKIPPED)
                 )
-        raise _LightChangedError("they differ from one to another")
+        raise _LightChangedError("they differ from one frame to the next")
 
     def _averaged(
         self, frames_asked: int, is_stale: Callable[[Frame], bool], *, keep_frames: bool
@@ -318,7 +318,7 @@ class _Settler:
             self._left -= 1
             return True
         if self._light is not None and self._light.is_broken_by(frame.image_dn):
-            raise _LightChangedError("they differ from one to another")
+            raise _LightChangedError("they differ from one frame to the next")
         return False
 
 

@@ -19,7 +19,7 @@ from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_toml
 
 _MOST_FAULTS = 12
-NO_NUMBER = "expected a number; true and false are none"
+NO_NUMBER = "expected a number; true and false are not numbers"
 
 _BY_A_PERSON = {"is_by_a_person": True}
 

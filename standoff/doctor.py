@@ -277,7 +277,7 @@ def check_stage_travel(config: StageConfig) -> Check:
         return _fail(name, fault.found, fault.remedy)
     if fault := expected.smallest.fault(config.limits_mm):
         if expected.unnamed:
-            found = f"it depends on {unnamed}, not in stage.expected_settings: {fault.found}"
+            found = f"this depends on {unnamed} (not in stage.expected_settings): {fault.found}"
         else:
             found = f"on grblHAL: {fault.found}"
         return _warn(name, found, fault.remedy)
@@ -323,7 +323,7 @@ def _check_resend(probe: CameraProbe) -> tuple[Check, ...]:
     if probe.resends_packets is None:
         return ()
     if probe.resends_packets:
-        found = "the camera sends lost packets again"
+        found = "the camera resends lost packets"
         return (_ok("packet resend", found),)
     return (
         _warn(

@@ -86,7 +86,7 @@ def _set_packet_size(
     if found != packet_size_bytes:
         raise CameraFeatureError(
             f"the camera does not keep {_PACKET_SIZE}: set to {packet_size_bytes}, "
-            f"it reads {found}",
+            f"it reads back {found}",
             feature=_PACKET_SIZE,
         )
     return warnings
@@ -265,7 +265,8 @@ class _FrameRate:
         found_hz = self._features.number(name)
         if not abs(found_hz - wanted_hz) <= 0.01 * wanted_hz:
             raise CameraFeatureError(
-                f"the camera does not keep {name}: set to {wanted_hz:g}, it reads {found_hz:g}",
+                f"the camera does not keep {name}: set to {wanted_hz:g}, "
+                f"it reads back {found_hz:g}",
                 feature=name,
             )
         if self.hz() >= 0.999 * self._asked_hz:
@@ -428,7 +429,8 @@ class CameraControls:
             remedy = (
                 f"set one of this camera's {', '.join(usable)}"
                 if usable
-                else f"nor can what this camera has: {', '.join(offered) or 'nothing'}"
+                else "and none of the formats that this camera has can be decoded here either: "
+                f"{', '.join(offered) or 'none'}"
             )
             raise CameraFeatureError(
                 f"PixelFormat (camera.pixel_format) {pixel_format!r} {cannot}; {remedy}",
@@ -439,7 +441,8 @@ class CameraControls:
             found = str(self._opened.camera.get_pixel_format_as_string())
         if found != pixel_format:
             raise CameraFeatureError(
-                f"the camera does not keep PixelFormat: set to {pixel_format}, it reads {found}",
+                f"the camera does not keep PixelFormat: set to {pixel_format}, "
+                f"it reads back {found}",
                 feature="PixelFormat",
             )
 
@@ -468,7 +471,7 @@ class CameraControls:
         high = low + steps * step
         if high > _MOST_PIXELS:
             raise CameraFeatureError(
-                f"the camera does not tell how large its sensor is ({feature} up to {high}); set "
+                f"the camera does not state how large its sensor is ({feature} up to {high}); set "
                 "camera.region_px to left, top, width, height",
                 feature=feature,
             )

@@ -323,7 +323,7 @@ _WRITTEN_BITS = 53
 """Of a node without a register, which keeps what was written to it."""
 
 _REMEDY = (
-    "its firmware is damaged or not the maker's: install the maker's firmware anew, or use "
+    "its firmware is damaged or not the maker's: reinstall the maker's firmware, or use "
     "another camera"
 )
 

@@ -249,8 +249,8 @@ def _open_by_id(camera_id: str) -> OpenedDevice:
             if not ids:
                 raise
             raise DeviceDisconnectedError(
-                f"camera.id {camera_id!r} is none of the cameras found: {', '.join(sorted(ids))}"
-                f" ({error.message})"
+                f"camera.id {camera_id!r} is not among the cameras found: "
+                f"{', '.join(sorted(ids))} ({error.message})"
             ) from error
         if device is None:
             raise DeviceDisconnectedError(f"camera.id {camera_id!r}: no such camera was found")
@@ -304,7 +304,7 @@ def _require_bounded(lengths: dict[str, int], feature: str) -> None:
         if not 0 < length <= LONGEST_REGISTER_BYTES:
             raise CameraDescriptionError(
                 f"the camera says that {feature} is {length} bytes long; restart the camera, or "
-                "install its maker's firmware anew",
+                "reinstall its maker's firmware",
                 fault="register",
                 nodes=(feature, node),
             )

@@ -119,7 +119,7 @@ def whole(value: float, feature: str) -> int:
     """Return what a feature states as a whole number."""
     if not isfinite(value):
         raise CameraFeatureError(
-            f"the camera states {feature} as {value}, which is no size", feature=feature
+            f"the camera states {feature} as {value}, which is not a valid size", feature=feature
         )
     return round(value)
 
@@ -209,7 +209,7 @@ class CameraFeatures:
             return float(value)
         except ValueError as error:
             raise CameraFeatureError(
-                f"the camera states {feature} as {value!r}, which is no number", feature=feature
+                f"the camera states {feature} as {value!r}, which is not a number", feature=feature
             ) from error
 
     def write(self, feature: str, value: FeatureValue) -> None:
@@ -220,7 +220,7 @@ class CameraFeatures:
         if not self._is(feature, value):
             raise CameraFeatureError(
                 f"the camera does not keep {feature}: set to {value}, "
-                f"it reads {self.read(feature)}",
+                f"it reads back {self.read(feature)}",
                 feature=feature,
             )
 
@@ -347,7 +347,8 @@ class LevelControls:
             raise CameraFeatureError(
                 f"camera.gain_db {gain_db:g}: this camera's {row.name} counts from "
                 f"{bounds.low:g} to {bounds.high:g} without a scale in dB; set camera.gain_counts "
-                "to one of these counts and camera.gain_db to 0, which alone is the lowest gain",
+                "to one of these counts and camera.gain_db to 0 (camera.gain_db = 0 on its own "
+                "gives the lowest gain)",
                 feature=row.name,
             )
         if unit == COUNTS:
@@ -393,7 +394,7 @@ class LevelControls:
         found = self._features.number(feature)
         if not abs(found - wanted) <= max(self._features.step(feature), 0.001 * wanted):
             raise CameraFeatureError(
-                f"the camera does not keep {feature}: set to {wanted:g}, it reads {found:g}",
+                f"the camera does not keep {feature}: set to {wanted:g}, it reads back {found:g}",
                 feature=feature,
             )
         return found
@@ -416,8 +417,8 @@ class LevelControls:
         if row is None:
             names = tuple(dict.fromkeys(row.name for row in names_for(purpose, self._camera)))
             raise MissingFeatureError(
-                f"{self._camera} has no feature {' or '.join(names)}, by which its {purpose} is "
-                "set; it cannot be used",
+                f"{self._camera} has no feature {' or '.join(names)} with which to set its "
+                f"{purpose}; this camera cannot be used",
                 names=names,
             )
         return row

@@ -257,7 +257,7 @@ def _require_within_frame(opened: OpenedDevice, feature: str) -> None:
         if address + length > _BEYOND_BYTES:
             raise CameraDescriptionError(
                 f"the camera says that {feature} lies {address} bytes into its chunk; set "
-                "camera.chunk_data to false, or install its maker's firmware anew",
+                "camera.chunk_data to false, or reinstall its maker's firmware",
                 fault="register",
                 nodes=(feature, node),
             )
@@ -522,8 +522,8 @@ def _require_plausible(payload_bytes: int, image_bytes: int) -> None:
         )
     if not image_bytes <= payload_bytes <= 2 * image_bytes + _LARGEST_CHUNKS_BYTES:
         raise CameraFeatureError(
-            f"the camera says that a frame has {payload_bytes} bytes (PayloadSize), of which its "
-            f"picture takes {image_bytes}; restart the camera, or install the firmware anew",
+            f"the camera states {payload_bytes} bytes for a frame (PayloadSize), but the picture "
+            f"in it takes {image_bytes}; restart the camera, or reinstall the firmware",
             feature="PayloadSize",
         )
 

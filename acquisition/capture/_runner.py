@@ -117,8 +117,8 @@ class PlanPreview:
         notes = [*flicker_warnings(plan, entries, bench)]
         if out is not None and (out / MANIFEST_NAME).is_file():
             notes.append(
-                f"{out} already holds a session: with the same bench and plan it resumes where it "
-                "stopped; with others it is refused"
+                f"{out} already contains a session: with the same bench and plan it resumes where "
+                "it stopped; with any others it is refused"
             )
         return cls(
             entries=entries,

@@ -75,8 +75,8 @@ def make_results_folder(session: Path) -> Path:
     path = session / RESULTS_FOLDER
     if path.is_symlink():
         raise ApplicationError(
-            f"{path} is a link, and results are written in the session's own folder alone; put the "
-            "folder itself there"
+            f"{path} is a link, but results are written only into the session's own folder; "
+            "replace the link by the folder itself"
         )
     return make_folder(path)
 

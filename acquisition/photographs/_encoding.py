@@ -45,7 +45,7 @@ class Encoding:
         is_known = self.name in ("linear", "srgb") or self.gamma is not None
         if not is_known and (self.name != "icc" or not self.curves):
             raise ValueError(
-                f"{self.name!r} is no encoding: expected linear, srgb or gamma:G, "
+                f"{self.name!r} is not an encoding: expected linear, srgb or gamma:G, "
                 f"G from {_LEAST_GAMMA:g} to {_LARGEST_GAMMA:g}, such as gamma:2.2"
             )
 

@@ -96,7 +96,7 @@ class PhotographHead(ByValue):
             encoding = f"encoding {self.encoding.name} {self.encoding_from}"
             said[encoding] = f"{self.name}: {self.encoding_sentence}"
         if self.left_out:
-            said[f"beside {self.left_out}"] = f"{self.name}: left out is {self.left_out}"
+            said[f"beside {self.left_out}"] = f"{self.name}: not used: {self.left_out}"
         if self.facts.turn is not None:
             said[f"turn {self.facts.turn}"] = (
                 f"{self.name}: viewers show it {self.facts.turn}; rows and columns here are those "
@@ -171,8 +171,8 @@ class Photograph(PhotographHead):
             return {}
         return {
             UNNAMED_MOSAIC: f"{self.name}: its levels alternate from pixel to pixel like those of "
-            "a colour camera's raw mosaic; if it is one, --bayer of standoff calibrate measures "
-            "it, and for anything else develop it"
+            "a colour camera's raw mosaic; if it is one, standoff calibrate --bayer measures it; "
+            "for anything else, develop it first"
         }
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
@@ -274,8 +274,8 @@ class Photograph(PhotographHead):
         """
         if self.pattern is not None:
             raise ImageFileError(
-                f"{self.name}: a raw mosaic, whose PSF calibrate measures; develop it to a linear "
-                "TIFF for anything else"
+                f"{self.name}: a raw mosaic; standoff calibrate measures its PSF; for anything "
+                "else, develop it to a linear TIFF"
             )
 
     @property

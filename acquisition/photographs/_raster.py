@@ -348,10 +348,10 @@ def _only_part(parts: Sequence[tuple[str, set[str]]]) -> tuple[int, str]:
         held = f"{len(pictures)} of its {len(parts)} parts" if pictures else "none of its parts"
         raise DecodingError(
             f"{held} ({names}) {'is' if len(pictures) == 0 else 'are'} RGB or grey; "
-            "save the picture that is meant by itself"
+            "save the picture that you want as a file of its own"
         )
     others = [name or str(n) for n, (name, _) in enumerate(parts) if n != pictures[0]]
-    return pictures[0], f"what its parts {', '.join(others)} hold"
+    return pictures[0], f"the contents of its parts {', '.join(others)}"
 
 
 def _colours_or_grey(planes: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], str]:
@@ -365,7 +365,7 @@ def _colours_or_grey(planes: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], str
         raise DecodingError(f"its channels {', '.join(planes)} are neither RGB nor grey")
     others = sorted(planes.keys() - set(light))
     pixels = planes[light[0]] if len(light) == 1 else np.stack([planes[n] for n in light], axis=2)
-    return pixels, f"what its channels {', '.join(others)} hold" if others else ""
+    return pixels, f"the contents of its channels {', '.join(others)}" if others else ""
 
 
 def read_fits_image(data: bytes) -> StoredImage:
@@ -424,7 +424,8 @@ def _only_image(units: Any) -> Any:  # noqa: ANN401 - no types
     if len(images) > 1:
         names = ", ".join(each.name or str(number) for number, each in enumerate(images))
         raise DecodingError(
-            f"a FITS file of {len(images)} images ({names}); save the one that is meant by itself"
+            f"a FITS file of {len(images)} images ({names}); save the one that you want as a file "
+            "of its own"
         )
     return found
 

@@ -138,7 +138,7 @@ def each_image(paths: Iterable[Path]) -> Iterator[Path]:
         except OSError as error:
             raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
         if is_empty:
-            raise ApplicationError(f"{path}: the folder holds no image")
+            raise ApplicationError(f"{path}: the folder contains no image")
 
 
 def _is_listed(path: Path) -> bool:
@@ -171,7 +171,7 @@ def _images_of_url(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise ApplicationError(f"cannot read {url}: {error.strerror}") from error
     if is_empty:
-        raise ApplicationError(f"{url}: the folder holds no image")
+        raise ApplicationError(f"{url}: the folder contains no image")
 
 
 def image_files_in(folder: Path) -> list[Path]:
@@ -198,7 +198,9 @@ def frames_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> It
 
 def _refuse_chosen_page(options: ReadOptions) -> None:
     if options.page is not None or options.is_mean:
-        raise DecodingError("every page is a frame here; neither choose one nor take their mean")
+        raise DecodingError(
+            "every page is a frame here; do not choose a page, or take the mean of the pages"
+        )
 
 
 def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Photograph:
@@ -232,7 +234,7 @@ def taken_as(photograph: Photograph, options: ReadOptions) -> Photograph:
     """Return a photograph that was read before as these options would have read it."""
     if options.page is not None or options.is_mean:
         raise ImageFileError(
-            f"{photograph.name}: it was read before; give its file to choose pages"
+            f"{photograph.name}: it has been read already; to choose a page, give its file instead"
         )
     if options.encoding is not None:
         photograph = photograph.taken_as(options.encoding, "reading")
@@ -380,7 +382,9 @@ def _page_number(stored: StoredImage, options: ReadOptions) -> int:
     """The page that is asked for, from 0; the first one of several where their mean is."""
     if options.page is not None and options.page > stored.count:
         pages = "page" if stored.count == 1 else "pages"
-        raise DecodingError(f"--page {options.page} of a file of {stored.count} {pages}")
+        raise DecodingError(
+            f"--page {options.page} was asked for, but the file has {stored.count} {pages}"
+        )
     if stored.count > 1 and options.page is None and not options.is_mean:
         raise DecodingError(
             f"a stack of {stored.count} pages; choose one with --page N, or --mean if they are "
@@ -403,8 +407,8 @@ def _mean(
         page = encoding.decode(_levels(stored, count - 1, shown), white_dn)
         if page.shape != mean.shape:
             raise DecodingError(
-                f"pages of {mean.shape} and {page.shape} pixels have no mean; choose one with "
-                "--page N"
+                f"pages of {mean.shape} and {page.shape} pixels cannot be averaged; choose one "
+                "with --page N"
             )
         deviation = page - mean
         mean = mean + deviation / count

@@ -353,7 +353,7 @@ def _refuse_overlapping_directories(data: bytes) -> None:
         for _, kind, count in layout.entry.iter_unpack(data[at:end]):
             values_bytes += min(count * _TYPE_BYTES.get(kind, 1), len(data))
         if values_bytes > max(_SMALL_BYTES, _LARGEST_RATIO * len(data)):
-            raise DecodingError("a TIFF whose tags say more than the file can hold")
+            raise DecodingError("a TIFF whose tags describe more data than the file can contain")
         (at,) = layout.next.unpack_from(data, end)
 
 
@@ -445,12 +445,13 @@ def _opened_raw(data: bytes, rawpy: Any) -> Any:  # noqa: ANN401 - rawpy has no 
         if is_tiff(data) or data.startswith(_SIGNATURES):
             release = ".".join(map(str, rawpy.libraw_version))
             raise DecodingError(
-                f"a raw file of a camera or a compression that LibRaw {release} does not know; "
-                "convert it to DNG"
+                f"a raw file from a camera, or with a compression, that LibRaw {release} does not "
+                "know; convert it to DNG"
             ) from error
         raise DecodingError(
-            "no camera raw file: it says neither its size nor its type, as when a program writes "
-            "the numbers alone; save a TIFF, or read it with numpy and give the array in Python"
+            "not a camera raw file: it states neither its size nor its type, as when a program "
+            "writes only the numbers; save a TIFF, or read it with numpy and give the array in "
+            "Python"
         ) from error
 
 

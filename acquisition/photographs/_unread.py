@@ -1,16 +1,16 @@
 """What a file is that no reader reads, told from its first bytes, with what to do instead."""
 
-_AS_TIFF = "which is not read; save the image as TIFF"
+_AS_TIFF = "which cannot be read; save the image as TIFF"
 _KNOWN = (
     (b"\xff\x0a", f"a JPEG XL image, {_AS_TIFF}"),
     (b"\0\0\0\x0cJXL ", f"a JPEG XL image, {_AS_TIFF}"),
     (b"II\xbc", f"a JPEG XR image, {_AS_TIFF}"),
     (b"8BPS", f"a Photoshop document, {_AS_TIFF} without layers"),
-    (b"ZISRAWFILE", f"a CZI file of a microscope, {_AS_TIFF}"),
-    (b"\xda\xce\xbe\x0a", f"an ND2 file of a microscope, {_AS_TIFF}"),
-    (b"LUCAM-RECORDER", "a SER film, which is not read; save its frames as TIFF or FITS"),
-    (b"#?RADIANCE", "a Radiance picture, which is not read; save it as OpenEXR or TIFF"),
-    (b"#?RGBE", "a Radiance picture, which is not read; save it as OpenEXR or TIFF"),
+    (b"ZISRAWFILE", f"a CZI microscope file, {_AS_TIFF}"),
+    (b"\xda\xce\xbe\x0a", f"an ND2 microscope file, {_AS_TIFF}"),
+    (b"LUCAM-RECORDER", "a SER film, which cannot be read; save its frames as TIFF or FITS"),
+    (b"#?RADIANCE", "a Radiance picture, which cannot be read; save it as OpenEXR or TIFF"),
+    (b"#?RGBE", "a Radiance picture, which cannot be read; save it as OpenEXR or TIFF"),
     (b"\x89HDF\r\n\x1a\n", f"an HDF5 file, {_AS_TIFF}"),
     (b"MATLAB ", f"a MATLAB file, {_AS_TIFF}"),
     (b"\x93NUMPY", f"an array of numpy, {_AS_TIFF}, or give the array in Python"),
@@ -44,10 +44,13 @@ def unread_kind(data: bytes) -> str | None:
         return f"a DICOM file, {_AS_TIFF}"
     if data[4:8] == b"ftyp":
         if data[8:12] in _HEIC:
-            return "a HEIC photograph, which is not read; save it as JPEG or TIFF"
-        return "a film, or a picture of its family, which is not read; save the frame as TIFF"
+            return "a HEIC photograph, which cannot be read; save it as JPEG or TIFF"
+        return (
+            "a video, or a picture in the same family of formats, which cannot be read; save the "
+            "frame as TIFF"
+        )
     if data.startswith(b"RIFF") and data[8:12] == b"AVI ":
-        return "a film, which is not read; save its frames as TIFF"
+        return "a video, which cannot be read; save its frames as TIFF"
     if data.startswith(_DOCUMENTS):
         return "a PostScript or PDF document, not a photograph"
     if data.lstrip()[:16].lower().startswith(_WEB_PAGE):

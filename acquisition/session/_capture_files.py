@@ -360,6 +360,7 @@ def unknown_files_text(files: Collection[str]) -> str:
     named = ", ".join(sorted(files)[:_MOST_NAMED])
     more = f" and {len(files) - _MOST_NAMED} more" if len(files) > _MOST_NAMED else ""
     return (
-        f"no line of the journal names {named}{more}; `standoff verify --repair` takes in what is "
-        "a capture of this session, `standoff session set-aside` moves away what is none"
+        f"no line of the journal names {named}{more}; `standoff verify --repair` adds to the "
+        "journal the files that are captures of this session, and `standoff session set-aside` "
+        "moves the others away"
     )

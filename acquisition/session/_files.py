@@ -53,8 +53,8 @@ def refuse_capture(path: Path) -> None:
         ):
             raise OSError(
                 errno.EEXIST,
-                f"session {folder.parent} keeps its captures there, and they are never written "
-                "over; name another folder",
+                f"session {folder.parent} keeps its captures there, and they are never "
+                "overwritten; name another folder",
                 str(path),
             )
 
@@ -221,7 +221,7 @@ def open_own(path: Path, flags: int) -> int:
         return os.open(path, flags | _NO_LINK, 0o666)
     except OSError as error:
         if error.errno == errno.ELOOP and path.is_symlink():
-            text = "a link, which is not written through; put the file itself there"
+            text = "a link, which is not followed when writing; replace it by the file itself"
             raise OSError(errno.ELOOP, text, str(path)) from error
         raise
 

@@ -405,8 +405,8 @@ class JournalWriter:
         line = link.to_bytes()
         if len(line) > LARGEST_LINE_BYTES:
             raise SessionError(
-                f"journal {self._path}: a {kind} has {size_text(len(line))}, at most "
-                f"{size_text(LARGEST_LINE_BYTES)} are allowed; put it in a file and name the file",
+                f"journal {self._path}: this {kind} takes {size_text(len(line))}, but at most "
+                f"{size_text(LARGEST_LINE_BYTES)} is allowed; put it in a file and name the file",
                 path=self._path,
             )
         self._write(line, JournalHead(lines=number, chain=link.chain))
@@ -458,7 +458,8 @@ class JournalWriter:
             text = reading.torn_tail[:_QUOTED_BYTES].decode(errors="backslashreplace")
             self.append("note", {"text": reading.remarks[0], "cut_short": text})
         if reading.is_head_missing:
-            self.append("note", {"text": f"{HEAD_NAME} was missing; lines may be, at the end"})
+            text = f"{HEAD_NAME} was missing; lines at the end may be missing, too"
+            self.append("note", {"text": text})
         elif len(mended.events) > mended.unchained and (
             mended.head is None or mended.head.lines != len(mended.events)
         ):

@@ -414,8 +414,8 @@ def verify(path: Path) -> VerifyReport:
         faults.append(unknown_files_text(unknown))
     if session.is_journal_head_missing:
         faults.append(
-            f"{HEAD_NAME} is missing, and so may be lines at the end of {JOURNAL_NAME}; restore it "
-            "from a copy, or run the capture command again, which writes a new one"
+            f"{HEAD_NAME} is missing, and lines at the end of {JOURNAL_NAME} may be missing, too; "
+            "restore it from a copy, or run the capture command again, which writes a new one"
         )
     entries = {entry.index: entry for entry in session.entries}
     journaled = {

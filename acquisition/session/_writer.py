@@ -116,8 +116,8 @@ class SessionWriter:
         if free_bytes < needed_bytes + SPARE_BYTES:
             raise SessionError(
                 f"the disk of {self.path} has {free_bytes / 1e6:.0f} MB free, but the captures "
-                f"need {needed_bytes / 1e6:.0f} MB, and {SPARE_BYTES / 1e6:.0f} MB stay free; free "
-                "some space and run again",
+                f"need {needed_bytes / 1e6:.0f} MB, and {SPARE_BYTES / 1e6:.0f} MB must stay free; "
+                "free some space and run again",
                 fault="unwritable",
                 path=self.path,
             )
@@ -373,7 +373,7 @@ def _prepare_directory(path: Path) -> None:
     beginning = {JOURNAL_NAME, MANIFEST_NAME + PART_SUFFIX, HEAD_NAME, HEAD_NAME + PART_SUFFIX}
     if MANIFEST_NAME not in present and not present <= beginning:
         raise SessionError(
-            f"{path} holds files but is not a capture session; give a new or empty directory",
+            f"{path} contains files but is not a capture session; give a new or empty directory",
             fault="not a session",
             path=path,
         )
@@ -382,8 +382,8 @@ def _prepare_directory(path: Path) -> None:
 def _make_own_folder(path: Path) -> None:
     if path.is_symlink():
         raise SessionError(
-            f"{path} is a link, and a session is written in its own folders alone; put the folder "
-            "itself there",
+            f"{path} is a link, but a session is written only into folders of its own; replace the "
+            "link by the folder itself",
             fault="unwritable",
             path=path,
         )

@@ -142,7 +142,7 @@ class _GrblAxis:
         if refusal.code == BEYOND_TRAVEL:
             raise StageLimitError(
                 f"{self.name} refuses the height with {refusal.text}; nothing moved. limits_mm or "
-                "home_offset_mm in the bench file does not match its settings",
+                "home_offset_mm in the bench file does not match the controller's settings",
                 height_mm=height_mm,
                 limits_mm=None,
             )

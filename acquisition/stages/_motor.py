@@ -413,7 +413,7 @@ class MotorStage:
                 if is_mute and self._clock() < deadline:
                     continue
                 raise StageNotStoppedError(
-                    f"it is not certain that {self._axis.name} has stopped, use its emergency "
+                    f"it is not certain that {self._axis.name} has stopped; use its emergency "
                     f"stop: {error}"
                 ) from error
             else:
@@ -529,7 +529,7 @@ def travel(
         if lost is not None and is_last_try and not stop.is_set():
             raise lost
         if lost is None or stop.is_set():
-            why = ", as it was told to" if stop.is_set() else "; home it and try again"
+            why = " (it was told to stop)" if stop.is_set() else "; home it and try again"
             raise StageStoppedError(
                 f"{axis.name} stopped at {at_mm:.3f} mm, not at {height_mm:.3f} mm{why}",
                 is_asked=stop.is_set(),

@@ -262,7 +262,7 @@ class TrueThings(_Stored):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if not self.changed == bool(self.things) == (self.labels is not None):
-            raise ValueError("things and labels are of changed pairs, and of these alone")
+            raise ValueError("only changed pairs have things and labels, and they must have both")
         return self
 
 
@@ -368,14 +368,14 @@ def grey_levels(data: bytes, path: Path, shape: Shape | None = None) -> Float32A
         grey = levels.astype(np.float32)
     if np.isinf(grey).any():
         raise ResultsFileError(
-            f"{path}: holds infinite levels; write NaN where there is none", source=str(path)
+            f"{path}: contains infinite levels; write NaN where there is none", source=str(path)
         )
     return grey
 
 
 MANIFEST_NAME = "manifest.json"
 
-_REMEDY = "make the data set anew with standoff benchmark make"
+_REMEDY = "make the data set again with standoff benchmark make"
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -449,7 +449,7 @@ class BenchmarkData:
         data = np.frombuffer(self._bytes(name), np.uint8)
         levels = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
         if levels is None:
-            raise self._refused(name, f"is no picture; {_REMEDY}")
+            raise self._refused(name, f"is not a picture; {_REMEDY}")
         return np.asarray(levels, np.float32)
 
     def _bytes(self, name: str) -> bytes:

@@ -86,7 +86,7 @@ class ProgramFiles:
             is_folder = False
         if not is_folder:
             raise ResultsFileError(
-                f"{folder} is no folder; name one with the files of a program's results",
+                f"{folder} is not a folder; name one with the files of a program's results",
                 source=str(folder),
             )
         self.folder = folder
@@ -238,7 +238,7 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
             cells = (cell.strip() for cell in row)
             yield rows.line_num, dict(zip(head, cells, strict=True))
     except UnicodeDecodeError as error:
-        raise _refused(path, "is no text in UTF-8") from error
+        raise _refused(path, "is not UTF-8 text") from error
     except csv.Error as error:
         raise _refused(path, f"line {rows.line_num}: {error}") from error
 

@@ -413,7 +413,8 @@ def scored(
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise ResultsFileError(
-            f"two folders of results are both of {twice!r}; give them names in about.json"
+            f"two folders of results both have the name {twice!r}; give them different names in "
+            "about.json"
         )
     scores: list[Score] = []
     shown: list[ScoredProgram] = []
@@ -421,7 +422,7 @@ def scored(
         taken = [track for track in TRACKS if data.has(track) and files.has(track)]
         if not taken:
             raise ResultsFileError(
-                f"{files.folder} holds no results; expected psf.csv, alignment.json, "
+                f"{files.folder} contains no results; expected psf.csv, alignment.json, "
                 "things.json, detections.json, or folders simulation and changes",
                 source=str(files.folder),
             )

@@ -7,7 +7,9 @@ from analysis.benchmark._data_set import Track
 from analysis.benchmark.scores import TITLES, BenchmarkScores, Measure, Score
 
 LEGEND = "In brackets 95 % intervals over scenes; [n]: of the n tasks that were answered"
-CHOSEN = "An average over what a program chose to answer is none over all tasks."
+CHOSEN = (
+    "An average over the tasks that a program chose to answer is not an average over all tasks."
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -457,8 +457,8 @@ def _between_ends(
     compared, may_be_more, may_be_less = pair.compared(smoothing)
     if not compared.any():
         raise OverlapError(
-            "wherever the photographs overlap they are at an end of the scale, or beside one: "
-            "nothing can be compared; retake them with less light, or from one place",
+            "wherever the photographs overlap, they are clipped or next to clipped pixels: "
+            "nothing can be compared; retake them with less light, or from the same place",
             shared_px=0,
         )
     return compared, may_be_more, may_be_less
@@ -532,6 +532,5 @@ def _unexplained(share: float) -> tuple[str, ...]:
         return ()
     return (
         "the noise is small compared with what lens and levels leave unexplained "
-        f"({100 * share:.0f} % of the variance): more than the stated false alarms are to be "
-        "expected",
+        f"({100 * share:.0f} % of the variance): expect more false alarms than the stated number",
     )

@@ -393,8 +393,8 @@ def describe_depth(found: ChangeSummary) -> str | None:
     if found.frame_px:
         share = percent_text(depth.hidden_px / found.frame_px)
         hidden = (
-            f"; {share} of the follow-up is hidden in one of the two, beside a step or of unknown "
-            "depth"
+            f"; {share} of the follow-up is hidden in one of the two photographs, lies beside a "
+            "step in depth, or is of unknown depth"
         )
     side = "" if depth.larger_is is None else f" (the larger, the {depth.larger_is})"
     heights = ""
@@ -405,8 +405,8 @@ def describe_depth(found: ChangeSummary) -> str | None:
         )
     return (
         f"the scene has depth: parallax of {depth.low_px:+.1f} to {depth.high_px:+.1f} px{side} "
-        f"beside a plane explains {100 * depth.held_out_gain:.0f} % of what the plane leaves"
-        f"{hidden}{heights}"
+        f"relative to a plane explains {100 * depth.held_out_gain:.0f} % of what the plane leaves "
+        f"unexplained{hidden}{heights}"
     )
 
 

@@ -160,9 +160,9 @@ def _strips(masks: ChangeMasks) -> str:
     if not lined:
         return ""
     return (
-        f"{count} of {np.count_nonzero(flagged)} changed pixels line the {' and '.join(lined)} of "
-        "what both photographs show: a mount, a shadow or the lens may differ there; mask the "
-        "border with --mask to see the rest"
+        f"{count} of {np.count_nonzero(flagged)} changed pixels lie along the "
+        f"{' and '.join(lined)} of what both photographs show: a mount, a shadow or the lens may "
+        "differ there; mask the border with --mask to see the rest"
     )
 
 

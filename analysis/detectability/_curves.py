@@ -654,9 +654,8 @@ class DetectabilityCurves(ResultsDocument):
             + ")"
             for name, values in open_choices.items()
         ]
-        remedy = (
-            f"choose by {' and '.join(told)}" if told else "they do not differ; use another file"
-        )
+        choices = " and ".join(told)
+        remedy = f"choose one with {choices}" if told else "they do not differ; use another file"
         message = (
             f"{len(fitting)} curves match; {remedy}"
             if fitting

@@ -41,7 +41,7 @@ def onnx_detector(path: str) -> Detector:
         session = runtime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no common base
         raise DetectorError(
-            f"it cannot be loaded: {exception_line(error)}; export the model anew",
+            f"it cannot be loaded: {exception_line(error)}; export the model again",
             reason="missing",
         ) from error
     inputs = session.get_inputs()
@@ -80,7 +80,7 @@ class _OnnxDetector:
                 shown = " x ".join(map(str, self._frame))
                 rows, cols = followup.shape[:2]
                 raise DetectorError(
-                    f"it takes {shown} px alone and the follow-up has {rows} x {cols}; export it "
+                    f"it takes only {shown} px, but the follow-up has {rows} x {cols}; export it "
                     "with dynamic height and width",
                     reason="shape",
                 )

@@ -160,9 +160,9 @@ class DetectorSpec:
             name = script.name if script else Path(words[0]).name
             return cls._named("command", text, name=name, files=files)
         raise DetectorError(
-            f"detector {text!r}: none of the built-in {', '.join(BUILT_IN_DETECTORS)}; a detector "
-            "of your own is module:function, the path of an .onnx or .pt file, or a command with "
-            "{reference}, {followup} and {out}",
+            f"detector {text!r}: not one of the built-in {', '.join(BUILT_IN_DETECTORS)}; a "
+            "detector of your own is module:function, the path of an .onnx or .pt file, or a "
+            "command with {reference}, {followup} and {out}",
             reason="missing",
         )
 

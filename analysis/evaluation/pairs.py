@@ -112,7 +112,7 @@ class PairMaker:
         if self.later is None:
             return
         if self.later.after_dn.shape != self.levels_dn.shape:
-            raise RefusedPhotographError("the later photograph has another size")
+            raise RefusedPhotographError("the later photograph has a different size")
         if 2 * self.later.radius_px > self.task.reference_zoom * self.task.crop_px:
             raise RefusedPhotographError(
                 f"what changed is {2 * self.later.radius_px:.0f} px wide and does not fit into a "
@@ -121,7 +121,7 @@ class PairMaker:
 
     def _check_depth(self, depth: FloatArray) -> None:
         if depth.shape != self.levels_dn.shape[:2]:
-            raise RefusedPhotographError("the depth map has another size")
+            raise RefusedPhotographError("the depth map has a different size")
         if self.task.reference_zoom != 1 or self.task.model not in POSE_MODELS:
             raise RefusedPhotographError(
                 "a scene with depth needs reference zoom 1, and model " + " or ".join(POSE_MODELS)

@@ -404,7 +404,7 @@ def limits_of_curve(
     allowed = curve.largest_zoom(min_d_prime)
     if allowed is None:
         raise NotDetectableError(
-            f"d' is {curve.dprime[0]:.3g} at zoom {curve.zoom[0]:g} already, below "
+            f"d' is already {curve.dprime[0]:.3g} at zoom {curve.zoom[0]:g}, below "
             f"the threshold of {min_d_prime:g}: lower --min-dprime, average more frames or look "
             "for a larger contrast",
             zoom=curve.zoom[0],

@@ -65,7 +65,10 @@ class PoseParallax(StoredValues):
             "unknown depth, where no d' was judged"
         )
         if self.in_line_range_px > _LESS * self.range_px:
-            return f"{said}; it comes from the distance, and no move sideways would show much less"
+            return (
+                f"{said}; it comes from the difference in distance, and moving sideways would not "
+                "reduce it much"
+            )
         where = "sideways" if self.move is None else f"to the {_words(self.move)}"
         return (
             f"{said}; with the camera moved {where}, in line with where the reference was taken "

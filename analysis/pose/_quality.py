@@ -121,7 +121,10 @@ class PoseDecision(StoredValues):
         if "focus" not in self.unknown_sources:
             return said
         if self.focus_turning_px2 is None:
-            return f"{said}; no scatter of the focus up to {_MOST_SCATTER_PX2:g} px^2 would turn it"
+            return (
+                f"{said}; no scatter of the focus up to {_MOST_SCATTER_PX2:g} px^2 would change "
+                "the verdict"
+            )
         return (
             f"{said}; with a focus that scatters by {self.focus_turning_px2:.2g} px^2 or more the "
             f"verdict is {'no go' if self.verdict == 'unsure' else 'unsure'}"

@@ -158,7 +158,7 @@ def _prepare(out: Path, document: dict[str, Any], provenance: Provenance) -> Non
     if about.is_file() and _holds_pairs(out):
         if _stored_settings(about) != document:
             raise SrDatasetError(
-                f"{out} holds pairs made with other settings (see {about}); name another --out"
+                f"{out} contains pairs made with other settings (see {about}); name another --out"
             )
         return
     (out / STATE_NAME).mkdir(parents=True, exist_ok=True)
@@ -339,7 +339,10 @@ def _copies(call: SweepCall, manifest: Manifest, state: Path) -> set[int]:
             file.write(f"{on_one_line(copy)} = {on_one_line(first)}\n".encode())
     if found:
         are = "image has" if len(found) == 1 else "images have"
-        call.note(f"{len(found)} {are} the content of another, and give no pairs; see {listed}")
+        call.note(
+            f"{len(found)} {are} the same content as another, and no pairs are made from copies; "
+            f"see {listed}"
+        )
     else:
         listed.unlink(missing_ok=True)
     return found
@@ -394,7 +397,7 @@ def _sample_of(path: Path, size_bytes: int) -> bytes:
         return _digest_of(path)
     # Opening a device may set it going, and opening a pipe waits for its writer.
     if not stat.S_ISREG(path.stat().st_mode):
-        raise OSError(f"{path} is no file")
+        raise OSError(f"{path} is not a file")
     digest = hashlib.sha256()
     with path.open("rb") as file:
         for offset in (0, size_bytes // 2, max(size_bytes - _SAMPLE_BYTES, 0)):

@@ -120,7 +120,9 @@ class Prediction:
 
 
 _NO_EDGES = "the plan has no capture of kind edge"
-_NO_BOARD = "the plan has no captures of kind board at two heights in which 12 corners are in view"
+_NO_BOARD = (
+    "the plan has no two captures of kind board, at different heights, with 12 corners in view"
+)
 _NO_LIMIT = "up to zoom 2.5 nothing limits it, or d' is below the threshold at equal poses"
 _NO_CAMERA = "the size of the frame is not known: give the bench a region_px"
 
@@ -492,7 +494,7 @@ def _sentence(
     wanted = want.text(want.half_width)
     predicted = want.text(prediction.half_width_95 / _scale(prediction, want))
     if reached:
-        return f"The plan is enough: {name} is known to {predicted}, {wanted} is wanted."
+        return f"The plan is enough: {name} is known to {predicted}; {wanted} is wanted."
     offers = dict(_offers(needs))
     if not offers:
         return (

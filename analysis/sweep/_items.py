@@ -172,8 +172,8 @@ def _require_own(state: Path) -> None:
     """Refuse what earlier versions committed, in files that this one does not read."""
     if any(next(state.glob(pattern), None) for pattern in _EARLIER):
         raise SweepError(
-            f"{state} is of an earlier version of standoff, from which this one cannot go on; "
-            "remove it, or name another --out"
+            f"{state} was written by an earlier version of standoff, and this version cannot "
+            "continue from it; remove it, or name another --out"
         )
 
 

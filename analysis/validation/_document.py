@@ -324,8 +324,8 @@ def fit_remarks(pairs: Sequence[ValidatedPair], models: Sequence[ValidationModel
         return
     if len(known) < len(pairs):
         yield (
-            f"{len(pairs) - len(known)} of {len(pairs)} pairs have captures of a single frame: as "
-            "their noise is unknown, so is how well the models fit"
+            f"{len(pairs) - len(known)} of {len(pairs)} pairs have captures of a single frame: "
+            "their noise is unknown, and therefore how well the models fit is unknown as well"
         )
     model = min(physical, key=lambda one: sum(pair.chi2_reduced[one] for pair in known))
     worst = sorted(known, key=lambda pair: -pair.chi2_reduced[model])
@@ -339,9 +339,10 @@ def fit_remarks(pairs: Sequence[ValidatedPair], models: Sequence[ValidationModel
     )
     more = "" if len(beyond) <= _NAMED else ", ..."
     yield (
-        f"model {model} does not fit {len(beyond)} of {len(known)} pairs: more is left than noise, "
-        "PSF, alignment and the model's own error explain, worst (reduced chi-squared) "
-        f"{named}{more}; check that the PSF is that of this lens, and check focus and light"
+        f"model {model} does not fit {len(beyond)} of {len(known)} pairs: the remaining difference "
+        "is larger than noise, PSF, alignment and the model's own error explain; the worst "
+        f"(reduced chi-squared): {named}{more}; check that the PSF is that of this lens, and check "
+        "focus and light"
     )
 
 

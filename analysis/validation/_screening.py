@@ -243,8 +243,8 @@ def _at_their_heights(
             kept.append(pair)
             continue
         reason = (
-            f"it is {zoom:.3f} times further away than capture {pair.reference.index} by the "
-            f"images, but {fitting:.3f} times by the heights"
+            f"it is {zoom:.3f} times as far away as capture {pair.reference.index} according to "
+            f"the images, but {fitting:.3f} times according to the heights"
         )
         excluded.append(ExcludedCapture.of(pair.followup, reason))
     return kept, excluded

@@ -213,7 +213,8 @@ def _training_remarks(settings: ValidationSettings) -> Iterator[str]:
     for model in filter(is_learned, settings.models):
         steps = settings.kernels.steps
         verdict = (
-            f"the paper's took {PAPER_TRAINING_STEPS}, so its figures say little about it"
+            f"but the paper used {PAPER_TRAINING_STEPS}, so the figures here say little about this "
+            "model"
             if steps < PAPER_TRAINING_STEPS
             else "as many as the paper's, or more"
         )

@@ -86,7 +86,7 @@ def _fit_sharpest_widths(
     if np.count_nonzero(sure) < FEWEST_EDGES:
         raise ValueError(
             f"only {np.count_nonzero(sure)} edges are sharp and clear enough, "
-            f"{FEWEST_EDGES} are needed"
+            f"but {FEWEST_EDGES} are needed"
         )
     normal = np.deg2rad(angles_deg[sure] + 90.0)
     nx, ny = np.cos(normal), np.sin(normal)
@@ -397,7 +397,7 @@ def _why_not(near: EdgeImage, far: EdgeImage, zoom: float, error: PairError) -> 
         if found < LEAST_ZOOM:
             return PairError(
                 f"--zoom {zoom:g} does not fit: the photographs are of about equal scale (by their "
-                f"features the zoom is {found:.3f}); at least {LEAST_ZOOM} is needed, photograph "
+                f"features the zoom is {found:.3f}); at least {LEAST_ZOOM} is needed; photograph "
                 "from further away",
                 reason="one_distance",
             )

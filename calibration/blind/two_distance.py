@@ -168,8 +168,9 @@ def _projected(
 def _refuse_too_few(used: BoolArray) -> None:
     if np.count_nonzero(used) < _LEAST_PIXELS:
         raise PairError(
-            f"clipped pixels and their neighbours leave {np.count_nonzero(used)} pixels that both "
-            f"photographs show, {_LEAST_PIXELS} are needed; shorten the exposure",
+            f"without clipped pixels and their neighbours, {np.count_nonzero(used)} pixels that "
+            f"both photographs show are left, but {_LEAST_PIXELS} are needed; shorten the "
+            "exposure",
             reason="saturated",
         )
 
@@ -266,7 +267,7 @@ def pair_psf(pair: NearAndFar, far_to_near: FloatArray) -> PairPsf:
     alignment = align_smoothly(pair.near_dn, pair.far_dn, far_to_near, pair.clipped)
     if alignment.correlation < _LEAST_CORRELATION:
         raise PairError(
-            "the photographs do not match where they were expected to, their correlation is "
+            "the photographs do not match where they were expected to; their correlation is "
             f"{alignment.correlation:.2f}",
             reason="not_aligned",
         )
@@ -343,7 +344,7 @@ def _model(pair: NearAndFar, alignment: SmoothAlignment) -> PairModel:
         is_clipped = float(np.mean(away)) < _MOSTLY
         raise PairError(
             f"only {model.blocks} blocks of 8 x 8 pixels of the far image are inside the near one"
-            f"{' and away from clipped pixels' if is_clipped else ''}, {_FEWEST_BLOCKS} are "
+            f"{' and away from clipped pixels' if is_clipped else ''}, but {_FEWEST_BLOCKS} are "
             f"needed: {'shorten the exposure' if is_clipped else 'use larger photographs'}",
             reason="saturated" if is_clipped else "little_overlap",
         )

@@ -231,7 +231,7 @@ def find_board(image: AnyArray, board: CharucoBoard) -> BoardCorners:
     count = 0 if found_ids is None else len(found_ids)
     if count < _CORNERS_MIN:
         raise RegistrationError(
-            f"only {count} corners of a ChArUco board {board} found, {_CORNERS_MIN} are needed",
+            f"only {count} corners of a ChArUco board {board} found, but {_CORNERS_MIN} are needed",
             reason="no_board",
             count=count,
         )
@@ -260,7 +260,8 @@ def _square_axes_px(seen_px: FloatArray, plane_mm: FloatArray, square_mm: float)
     found = cv2.findHomography(plane_mm, seen_px, cv2.LMEDS)[0]
     if found is None:
         raise RegistrationError(
-            f"the {len(seen_px)} corners found lie on no plane; photograph the board sharper",
+            f"the {len(seen_px)} corners found do not lie on a plane; take a sharper photograph of "
+            "the board",
             reason="no_board",
             count=len(seen_px),
         )

@@ -145,7 +145,10 @@ def capacity_figures(
     )
     remarks = light.remarks
     if transfer.is_round:
-        remarks = (*remarks, "edges of one direction: for quanta the lens is taken as round")
+        remarks = (
+            *remarks,
+            "edges in one direction only: for the quanta, the PSF is assumed to be round",
+        )
     if any(edge.red_shift_px is not None for edge in edges):
         remarks = (
             *remarks,
@@ -203,8 +206,8 @@ class _Light(NamedTuple):
         elif not _is_same(noise, levels, own_dn):
             remarks.append(
                 f"the photographs' own noise ({np.median(own_dn):.3g} DN at the edges) is not that "
-                "of the darks and flats: other gain, averaged or processed; quanta are by the "
-                "photographs' own noise"
+                "of the darks and flats: a different gain, averaging or processing; the quanta are "
+                "computed with the photographs' own noise"
             )
         else:
             return cls(

@@ -58,8 +58,8 @@ class TextureFigures(StoredModel):
         kept = f"{self.over_edges.estimate.text(3)} of the area under the edges' curve"
         if self.is_lost:
             return (
-                f"Texture is lost that edges keep: {kept}, as where noise is taken away, or where "
-                "the lens is less sharp at the target than at the edges."
+                f"Texture loses contrast that edges keep ({kept}), as after noise reduction, or "
+                "where the lens is less sharp at the target than at the edges."
             )
         if self.is_beyond_edges:
             return (

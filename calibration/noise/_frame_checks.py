@@ -56,7 +56,7 @@ def correlation_note(found: Sequence[NeighbourCorrelation]) -> str:
     value = sum(each.value * each.pixels for each in found) / pixels
     if value < max(_NOTED, _STANDARD_ERRORS / np.sqrt(2 * pixels)):
         return ""
-    said = f"the noise of neighbouring pixels goes together (correlation {value:.2f})"
+    said = f"the noise of neighbouring pixels is correlated ({value:.2f})"
     if value >= _PROCESSED:
         raise NoiseError(
             f"{said}, as after demosaicing, scaling, smoothing or noise reduction: the gain would "
@@ -92,7 +92,7 @@ class FrameNames:
             return
         one, other = self._twice
         raise NoiseError(
-            f"{name}: frames {one} and {other} are the same picture, to the bit, as when a program "
+            f"{name}: frames {one} and {other} are identical, bit for bit, as when a program "
             "saves a frame twice; the noise would come out too small: give each frame once",
             reason="settings",
         )

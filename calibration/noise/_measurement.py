@@ -125,7 +125,7 @@ def _noise_records(session: Session) -> list[CaptureRecord]:
         listed = ", ".join(f"{gain} dB {pixels}" for gain, pixels in sorted(settings, key=str))
         raise NoiseError(
             f"{session.path}: dark and flat captures have different settings ({listed}); "
-            "a noise.json holds for one setting: exclude the others",
+            "a noise.json applies to one setting only: exclude the other captures",
             reason="settings",
         )
     return records
@@ -219,7 +219,7 @@ class FrameGroup:
         whole = np.abs(frame.astype(np.int64)) if frame.dtype.kind == "f" else frame
         if frame.dtype.kind == "f" and not np.array_equal(np.abs(frame), whole):
             raise NoiseError(
-                f"{self.name}: levels that are no whole numbers, as of means or scaled frames; "
+                f"{self.name}: levels that are not whole numbers, as in averaged or scaled frames; "
                 "give single frames as the camera wrote them",
                 reason="settings",
             )
@@ -243,8 +243,8 @@ class FrameGroup:
         """Keep the mean and the variance alone: no more frames will come."""
         if self.frames < FEWEST_FRAMES:
             raise NoiseError(
-                f"{self.name}: {self.frames} frame; a {self.kind} level takes {FEWEST_FRAMES} at "
-                "least, at one exposure, for a variance from frame to frame",
+                f"{self.name}: {self.frames} frame; a {self.kind} level needs at least "
+                f"{FEWEST_FRAMES}, at one exposure, for the variance from frame to frame",
                 reason="no_dark" if self.kind == "dark" else "no_flat",
             )
         if self._sums is not None:
@@ -296,7 +296,7 @@ def noise_captures(
         if group.kind == "dark" and clipped > MOST_CLIPPED * group.statistics()[0].size:
             raise NoiseError(
                 f"{group.name}: {clipped} pixels of a dark reach {max_level_dn:g} DN, where the "
-                "camera clips; put the lens cap on, or are darks and flats exchanged?",
+                "camera clips; put the lens cap on, or were darks and flats swapped?",
                 reason="no_dark",
                 saturated=clipped,
             )

@@ -349,7 +349,7 @@ def _refuse_exchanged(darks: Sequence[LevelSample], flats: Sequence[LevelSample]
     if min(sample.mean_dn for sample in darks) >= brightest_dn:
         raise NoiseError(
             f"no flat (the brightest at {brightest_dn:.0f} DN) is brighter than the darks: they "
-            "are exchanged, or the flats have no light",
+            "have been swapped, or no light reached the flats",
             reason="levels",
         )
 

@@ -308,8 +308,8 @@ def _refined(pair: PhotographPair, choice: Choice, found: RefinedPose | None) ->
     place_err_px = found.errors.place_err_px * (pose.zoom if directed.is_swapped else 1.0)
     if not place_err_px <= _PLACE_ERR_MAX_PX and pose.displacement is None:
         raise RegistrationError(
-            f"the pose is uncertain by {place_err_px:.2f} px, {_PLACE_ERR_MAX_PX} px are allowed; "
-            f"photograph more detail, or {_REMEDIES}",
+            f"the pose is uncertain by {place_err_px:.2f} px, but only {_PLACE_ERR_MAX_PX} px are "
+            f"allowed; photograph more detail, or {_REMEDIES}",
             reason="uncertain",
             error_px=place_err_px,
         )

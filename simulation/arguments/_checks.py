@@ -375,7 +375,7 @@ def _item(name: str, value: object, kind: object) -> Any:  # noqa: ANN401 - of t
     try:
         return accepted(name, value, kind)
     except ArgumentTypeError as error:  # that it is several is right: no other type is meant
-        raise ArgumentError(f"of its values, {error.reason}", argument=name) from error
+        raise ArgumentError(f"one of its values: {error.reason}", argument=name) from error
 
 
 def _listed_values(name: str, value: object) -> list[Any]:

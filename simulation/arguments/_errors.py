@@ -54,7 +54,7 @@ def path_of(path: object, name: str) -> Path:
         raise ArgumentTypeError(f"expected a path, got {kind_of(path)}", argument=name)
     text = fspath(path)
     if not isinstance(text, str) or not text or "\0" in text:
-        raise ArgumentError(f"{text!r} is no name of a file or folder", argument=name)
+        raise ArgumentError(f"{text!r} is not a valid name of a file or folder", argument=name)
     return path if isinstance(path, Path) else Path(text)
 
 

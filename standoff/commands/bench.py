@@ -147,8 +147,8 @@ def stage(
 ) -> None:
     """Show, home, move, stop or unlock the height stage.
 
-    Ctrl-C brings the stage to a controlled stop. The action stop reports first whether the stage
-    stopped, and exits with 0 only if it did.
+    Ctrl-C brings the stage to a controlled stop. The stop action first reports whether the stage
+    has stopped, and exits with status 0 only if it has.
 
     Options
     -------
@@ -157,7 +157,7 @@ def stage(
     home: Home first if the stage does not know its height.
     """
     if (height_mm is None) == (action == "move"):
-        raise BadParameter("move takes one height in mm, the other actions take none")
+        raise BadParameter("move takes one height in mm; the other actions take none")
     if home and action != "move":
         raise BadParameter("--home is for move only")
     told = library.operate_stage(

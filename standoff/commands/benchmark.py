@@ -30,7 +30,7 @@ def make(
 
     Options
     -------
-    out: Folder for the set; one that was begun is resumed.
+    out: Folder for the set; an existing one is resumed.
     size: tiny: a few MB; small: about 100 MB; full: about 1 GB.
     seed: Seed for everything random; published results are for seed 1.
     """

@@ -81,8 +81,9 @@ def calibrate(
     correct: noise.json whose dark, flat and defect maps are applied first.
     csv: Also write a CSV table of the edges of an edge target, with their SFR.
     report: Also write a report on an edge target (HTML or PDF).
-    bench: Bench file (TOML) with these names (table labels) and the pixel pitch (table optics).
-    limits: Limits for pass and fail (TOML); the exit status is 0 even if one fails.
+    bench: Bench file (TOML) with the names for the report (table labels) and the pixel pitch (table
+        optics).
+    limits: Limits for pass and fail (TOML); the exit status is 0 even if a limit is not met.
     """
     how = terminal.keywords_of(
         library.calibrate_psf,

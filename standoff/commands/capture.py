@@ -187,9 +187,10 @@ def plan_study(
     want: Precision wanted, as half a 95 % interval: sigma=0.5%, transfer=1%, pupil=0.5mm, dprime=5%
         or tilt=0.3deg; may be repeated.
     photographs: Photograph of the scene; may be repeated. Built-in pictures by default.
-    photograph_count: Number of photographs of the scene planned; by default as many as are given.
-    focus_scatter_px2: Scatter of the PSF variance between captures in px^2; by default psf.json's.
-    height_scatter_mm: Scatter of the heights read back about the true heights in mm.
+    photograph_count: Planned number of photographs of the scene; by default, the number given.
+    focus_scatter_px2: Scatter of the PSF variance between captures, in px^2; by default that of
+        psf.json.
+    height_scatter_mm: Scatter, in mm, of the heights read back about the true heights.
     noise: noise.json of the camera.
     geometry: geometry.json of an earlier session.
     edges_per_capture: Number of edges in a capture; as in psf.json by default.

@@ -40,14 +40,14 @@ def _limit(
     -------
     spot_sigma_px: Width in px (sigma) of the spots whose detection limit is mapped.
     contrast_dn: Also say where a spot of C DN would have been found.
-    colour: Colour of the change that the limit is for, in colour photographs: grey, red, green,
-        blue, or R,G,B, its direction in linear levels.
+    colour: For colour photographs, the colour of the change to which the limit applies: grey, red,
+        green or blue, or its direction in linear levels as R,G,B.
     pixel_size_mm: Side of a follow-up pixel on the scene, for sizes in mm.
     geometry: geometry.json of the camera, instead of --pixel-size-mm.
     reference_height_mm: Height at which the reference was taken; the lowest of --geometry by
         default.
-    curves: curves.json for observer changes: report how the limit compares with the predicted one,
-        and what caused the difference.
+    curves: curves.json for the observer "changes": also report how the limit compares with the
+        predicted one, and what caused the difference.
     curve_noise_dn: Use the curve for this noise in DN.
     """
     return library.DetectionLimitOptions(**locals())
@@ -100,9 +100,10 @@ def changes(
     noise: noise.json of the camera; the noise is fitted by default.
     white_level: Level at which the files are clipped; by default as each file states.
     false_alarms: Expected number of pixels per frame that are flagged by chance.
-    false_discovery_rate: Share of false ones among the listed changes, instead of --false-alarms.
-    count_moved: List what a shift of a few pixels explains among the changes, not separately.
-    flat: Take the scene as a plane; by default the parallax of a scene with depth is followed.
+    false_discovery_rate: Share of false changes among those listed, instead of --false-alarms.
+    count_moved: List differences that a shift of a few pixels explains among the changes, instead
+        of separately.
+    flat: Treat the scene as a plane; by default, the parallax of a scene with depth is followed.
     least: Amplitude below which significant differences are counted but not listed; by default the
         step of the files' levels.
     report: Also write the report here (HTML or PDF); report.html is always in the folder.
@@ -194,7 +195,7 @@ def _show_series(
         count, listed = len(document.unpaired), ", ".join(document.unpaired[:_UNPAIRED_SHOWN])
         more = ", ..." if count > _UNPAIRED_SHOWN else ""
         terminal.note(
-            f"{count} photographs without a partner of their name, or with several: {listed}{more}"
+            f"{count} photographs have no partner with the same name, or several: {listed}{more}"
         )
 
     def show(document: ChangesSeries) -> None:

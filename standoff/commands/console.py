@@ -51,8 +51,9 @@ def console(
     -------
     bench: Bench file (TOML); without it the console has no camera and no stage.
     sessions: Folder for capture sessions; created with the first one.
-    plans: Folder of capture plans, besides the bench file's; may be repeated. New plans are written
-        to the first, or to plans in the folder of sessions.
+    plans: Folder of capture plans, in addition to the bench file's own; may be repeated. New plans
+        are written to the first of these, or else to the folder plans within the folder of
+        sessions.
     port: Port to listen on; 0 picks a free one.
     host: Address to listen on; other computers need --token.
     token: Secret for opening the console; safer in the environment than here.

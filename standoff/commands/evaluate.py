@@ -78,7 +78,7 @@ def evaluate(
     crop: Side of the reference of a pair in px.
     model: Capture model.
     seed: Seed for everything random.
-    timeout_s: Longest time allowed for one pair in s.
+    timeout_s: Longest time, in s, allowed for one pair.
     report: Also write a report page (HTML).
     """
     is_part = sweep.part[1] > 1  # which writes no curves

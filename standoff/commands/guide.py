@@ -52,7 +52,8 @@ def guide(
 ) -> None:
     """Guide a phone to where a reference was taken, and list what changed, until Ctrl-C.
 
-    Serves a page on the local network. A phone opens it by the QR code in the terminal.
+    Serves a page on the local network. A phone opens it by scanning the QR code in the
+    terminal.
 
     Options
     -------
@@ -62,8 +63,8 @@ def guide(
     psf: psf.json of the phone's camera, for the comparison; without it the blur between the
         photographs is fitted.
     noise: noise.json of the phone's camera, for the comparison; without it the noise is fitted.
-    curves: curves.json, to judge poses by d'; without it d' follows from the PSF of the phone's
-        own frames, once the approach has told it.
+    curves: curves.json, to judge poses by d'; without it, d' follows from the PSF of the phone's
+        own frames, once that has been measured during the approach.
     min_dprime: Lowest d' that is good enough.
     port: Port to listen on; 0 picks a free one.
     host: Address to listen on; by default this computer's address in the local network.
@@ -95,7 +96,8 @@ def guide(
     address = host or network_address()
     if address is None:
         raise BadParameter(
-            "this computer is in no network that a phone could be in; name the address with --host",
+            "this computer is not on any network that a phone could join; name the address with "
+            "--host",
             param_hint="--host",
         )
     token = secrets.token_urlsafe(16)
@@ -136,7 +138,7 @@ def _refuse_unspecified(bound: socket, address: str) -> None:
     if bound.getsockname()[0] in UNSPECIFIED:
         raise BadParameter(
             f"{address} stands for all addresses of this computer, and no phone can open it; "
-            "name the one in the phone's network",
+            "name the address on the phone's network",
             param_hint="--host",
         )
 
@@ -154,7 +156,7 @@ def _guided(
 
     paths = image_files_in(reference) if reference.is_dir() else [reference]
     if not paths:
-        raise ApplicationError(f"{reference}: the folder holds no image")
+        raise ApplicationError(f"{reference}: the folder contains no image")
     twice = [stem for stem, count in Counter(path.stem for path in paths).items() if count > 1]
     if twice:
         raise ApplicationError(f"two references are named {twice[0]}; rename one of them")
@@ -171,6 +173,7 @@ def _guided(
 def _how_to_pair(entry: str, fingerprint: str) -> tuple[str, ...]:
     return (
         f"Scan the code with the phone, or open {entry}",
-        "The phone warns once of a certificate that it does not know: show the details and go on.",
+        "The phone warns once about a certificate that it does not know: show the details and "
+        "continue.",
         f"SHA-256 of the certificate: {fingerprint}",
     )

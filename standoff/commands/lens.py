@@ -28,7 +28,7 @@ _POSITIONS = terminal.ListedNumbers(option="--focus-mm", least=-inf, may_repeat=
     terminal.needs("dark", "flat"),
     terminal.needs("flat", "dark"),
     terminal.excludes("noise", "dark", "flat"),
-    terminal.excludes("session", "focus_mm", because="the heights of a session count"),
+    terminal.excludes("session", "focus_mm", because="a session has its own heights"),
     terminal.excludes("session", "leaves", because="a session shows edges, darks and flats"),
     suffixes_last=True,
 )
@@ -61,28 +61,30 @@ def lens(
 ) -> None:
     """Measure a lens and its camera, and write the report that a laboratory hands over.
 
-    Sharpness in all colours, sharpening, lateral chromatic aberration, noise-equivalent quanta,
-    information; from darks and flats the data sheet of EMVA 1288; through focus, focus over the
-    field and depth of field. A table (CSV) and a document
-    (JSON) of all figures are written beside the report.
+    It contains sharpness in all colours, sharpening, lateral chromatic aberration, noise-equivalent
+    quanta and information; with darks and flats, also the EMVA 1288 data sheet; with photographs
+    through focus, also focus over the field and depth of field. A table (CSV) and a document (JSON)
+    of all figures are written beside the report.
 
     Options
     -------
     images: Photographs of straight edges.
     out: Where to write the report (HTML or PDF).
     session: Capture session whose edge, dark and flat captures are used.
-    flat: Frames of an evenly lit white surface, given likewise, at three levels or more.
+    flat: Frames of an evenly lit white surface, given in the same way, at three or more levels.
     noise: noise.json of the camera, instead of darks and flats; it gives no EMVA 1288 data sheet.
     region: Part of the image to use: centre, or X,Y,W,H in px; all of it by default.
     bayer: Bayer pattern of raw mosaics whose files do not state it.
-    focus_mm: Focus position of each photograph in mm, in their order: five different ones at least,
-        on both sides of the focus.
-    depth_contrast: Contrast that the depth of focus (of heights: of field) is stated for.
+    focus_mm: Focus positions of the photographs in mm, in the same order: at least five different
+        ones, on both sides of the focus.
+    depth_contrast: Contrast for which the depth of focus (for heights, the depth of field) is
+        stated.
     depth_freq_cy_per_px: Frequency of that contrast, in cycles per pixel.
-    leaves: Picture of the dead leaves target (spilled coins) that photographs show: texture is
-        measured beside edges.
-    bench: Bench file (TOML) with these names (table labels) and the pixel pitch (table optics).
-    limits: Limits for pass and fail (TOML); the exit status is 0 even if one fails.
+    leaves: Picture of the dead leaves target (spilled coins) that the photographs show: texture is
+        then measured, too; edges beside it are needed.
+    bench: Bench file (TOML) with the names for the report (table labels) and the pixel pitch (table
+        optics).
+    limits: Limits for pass and fail (TOML); the exit status is 0 even if a limit is not met.
     """
     table, document = out.with_suffix(".csv"), out.with_suffix(".json")
     terminal.refuse_replacing(table, document)

@@ -48,7 +48,7 @@ def noise(
     Options
     -------
     session: Capture session with dark captures and a series of flats.
-    flat: Frames of an evenly lit white surface, given likewise, at three levels or more.
+    flat: Frames of an evenly lit white surface, given in the same way, at three or more levels.
     dark_exposures_us: Exposure of each dark level, in order; by default as EXIF or FITS states.
     flat_exposures_us: The same for the flats.
     white_level: Level at which the frames are clipped; by default as the files state.

@@ -69,9 +69,9 @@ def pose(
     followup: The photograph whose pose is judged, or several, or a folder; not used live.
     criterion: d' must reach the threshold in all of the overlap (min) or in 95 % of it (quantile).
     psf: psf.json, or a PSF of your own, for a finer registration.
-    flat: Take the scene as a plane; by default the parallax of a scene with depth is looked for.
+    flat: Treat the scene as a plane; by default, the parallax of a scene with depth is looked for.
     picture: Also write a map of d' (PNG or SVG).
-    out: Folder for the results of several follow-ups; it is resumed.
+    out: Folder for the results of several follow-ups; an existing one is resumed.
     stream: Live: judge the images in a folder.
     watch: With --stream: wait for more images, until Ctrl-C.
     bench: Live: judge the camera frames of this bench file (TOML).
@@ -83,9 +83,14 @@ def pose(
         if out is None:
             raise BadParameter("several follow-ups need --out DIR", param_hint="--out")
         if picture is not None:
-            raise BadParameter("only one follow-up has a picture", param_hint="--picture")
+            raise BadParameter(
+                "a picture is written for a single follow-up only", param_hint="--picture"
+            )
         if flat:
-            raise BadParameter("several follow-ups are judged by a plane", param_hint="--flat")
+            raise BadParameter(
+                "with several follow-ups, the scene is always treated as a plane",
+                param_hint="--flat",
+            )
         if not library.holds_series(out, library.POSES_TABLE):
             terminal.refuse_replacing(*(out / name for name in library.FILES_OF_POSE_SERIES))
         how = terminal.keywords_of(library.judge_poses)
@@ -162,8 +167,8 @@ def _show_series(
     options: SweepOptions,
 ) -> None:
     def show(document: PoseSeries) -> None:
-        terminal.print_few(found, _CELLS, "Follow-ups with the least d'")
-        unsure = f", {document.unsure} of all unsure" if document.unsure else ""
+        terminal.print_few(found, _CELLS, "Follow-ups with the lowest d'")
+        unsure = f", {document.unsure} of all poses unsure" if document.unsure else ""
         terminal.say(
             f"{document.accepted} of {document.accepted + document.rejected} poses accepted"
             f"{unsure}: {document.criterion} d' of at least "
@@ -250,7 +255,8 @@ def limits(
     at_zoom: Distance ratio at which to print the lowest detectable contrast.
     at_tilt_deg: Tilt at --at-zoom in degrees.
     homography: H.json of a known pose, to print its d' instead of the limits.
-    reference_size: Frame size WxH in px of --homography's reference; by default the follow-up's.
+    reference_size: Frame size WxH in px of the reference of --homography; by default, that of
+        the follow-up.
     depth: With --homography and --focal-length-px: depth of what the reference shows, a map or a
         list of planes as for standoff simulate.
     plane_depth: Depth of the plane of --homography, as for standoff simulate.

@@ -250,7 +250,7 @@ def import_photographs(
     kind: What the photographs show.
     out: Session folder; an existing session is resumed.
     height_mm: Height of the camera in mm; session set-height corrects it. Give 0 if it is unknown:
-        calibrate needs no height, geometry and validate do.
+        calibrate needs no height; geometry and validate do.
     scale_px_per_mm: Scale in the plane of the target in px/mm.
     """
     require_folder(out, is_written=True)
@@ -309,7 +309,7 @@ def _refuse_within(out: Path, directory: Path) -> None:
 def _refuse_folder(out: Path, *, force: bool) -> None:
     """Refuse to replace a folder that is no Zarr group, or without ``--force``."""
     if not (out / "zarr.json").is_file():
-        raise ApplicationError(f"cannot write {out}: it is a folder, and no OME-Zarr")
+        raise ApplicationError(f"cannot write {out}: it is a folder, but not an OME-Zarr")
     if not force:
         raise ApplicationError(f"{out} exists already; --force replaces it, or name another one")
 

@@ -65,7 +65,7 @@ def _noise_or_number(text: str | None) -> Path | float | None:
     terminal.needs("hidden", "depth"),
     terminal.needs("plane_depth", "depth"),
     terminal.needs("focal_length_px", "depth"),
-    terminal.excludes("depth", "uncertainty", because="that of the depth is not known"),
+    terminal.excludes("depth", "uncertainty", because="the uncertainty of the depth is not known"),
     terminal.needs(
         terminal.Given("model", tuple(name for name in MODELS if name != "bicubic")), "psf"
     ),
@@ -140,10 +140,10 @@ def simulate(
     nearer: Also write a mask (PNG) of the pixels that should be sharper than the reference.
     depth: Depth of what the reference shows: a map of distances along the optical axis in any unit
         (TIFF or PNG of the reference's size), or a list of planes (JSON).
-    focal_length_px: Focal length in px; --homography needs it with --depth.
+    focal_length_px: Focal length in px; needed for --homography with --depth.
     plane_depth: Depth of the plane of --homography or --zoom, parallel to the sensor; by default
         the plane that most of the scene lies on.
-    hidden: Also write a mask (PNG) of the pixels that see what the reference does not show.
+    hidden: Also write a mask (PNG) of the pixels that show what the reference does not.
     psf: psf.json, or a PSF of your own.
     model: Capture model.
     gaussian: Blur by the exact transfer function, or by sampled weights (paper).

@@ -120,12 +120,12 @@ def change_pairs(
     photographs: Photographs, or folders of them.
     psf: psf.json, or a PSF of your own; only model bicubic works without it.
     out: Folder for the pairs; an existing one is resumed.
-    zooms: Least and largest distance ratio.
-    tilts: Least and largest tilt in degrees; with --focal-length-px.
-    noise: Least and largest noise of both photographs in DN.
-    contrast: Least and largest absolute peak of the change in DN.
+    zooms: Smallest and largest distance ratio.
+    tilts: Smallest and largest tilt in degrees; with --focal-length-px.
+    noise: Smallest and largest noise of both photographs in DN.
+    contrast: Smallest and largest absolute peak of the change in DN.
     changes: Whether changes are brighter than the scene, darker, or either.
-    signal_sigma: Least and largest sigma of the Gaussian change in px of the photographs.
+    signal_sigma: Smallest and largest sigma of the Gaussian change in px of the photographs.
     pairs: Number of pairs with a change, and of pairs without, per photograph.
     crop: Side of the reference of a pair in px.
     model: Capture model.

@@ -70,7 +70,7 @@ def read_edge(
     try:
         source = edge_source(frame, region)
     except ValueError:
-        return None, "the region is outside the picture: choose it anew"
+        return None, "the region is outside the picture: choose it again"
     return edge_in(source, pixel_pitch_um)
 
 

@@ -122,7 +122,9 @@ class PoseCurves:
         names = _names(document)
         if file == self.view.file and curve is not None and names != self.view.curves:
             self._use(file, path, document, None)
-            raise ApplicationError(f"{file} was written anew meanwhile: choose its curve again.")
+            raise ApplicationError(
+                f"{file} has been rewritten in the meantime: choose its curve again."
+            )
         if curve is None and len(names) == 1:
             curve = 0
         if curve is not None and not curve < len(names):

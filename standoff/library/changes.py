@@ -418,7 +418,7 @@ def _in_mm(found: ChangeResult, scale: SceneScale) -> tuple[ChangeResult, DepthM
     figures, placed, pose = found.summary.parallax, scale.placed, found.pose
     if found.parallax is None or figures is None or placed is None:
         return found, None
-    missing = "where the two cameras stood does not follow from the pose"
+    missing = "the pose does not determine where the two cameras stood"
     depth = None
     try:
         camera = placed.camera((pose.reference_shape, pose.followup_shape))
@@ -574,8 +574,8 @@ def _decoded_alike(
     if len(other.encoding.curves) > 1 and not copy.is_colour:
         return near, far, ()
     said = (
-        f"{copy.name} does not say how its levels are encoded and has those of {other.name}: "
-        f"read as {other.encoding.name}, like that file"
+        f"{copy.name} does not state how its levels are encoded, and its levels match those of "
+        f"{other.name}: read as {other.encoding.name}, like that file"
     )
     taken = copy.taken_as(other.encoding, f"as {other.name}")
     return (taken, far, (said,)) if is_near else (near, taken, (said,))

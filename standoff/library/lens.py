@@ -180,8 +180,8 @@ class _FocusSeries:
             if position == nearest
         ]
         call.note(
-            f"all figures but those through focus are of the {len(chosen)} photograph"
-            f"{'s' * (len(chosen) > 1)} at {nearest:g} mm, nearest to the best focus"
+            f"all figures except those through focus are from the {len(chosen)} photograph"
+            f"{'s' * (len(chosen) > 1)} at {nearest:g} mm, the position nearest to the best focus"
         )
         return cls(
             edges=edges,
@@ -409,12 +409,14 @@ def _capacity_of(
     """Return quanta and information; none of raw mosaics, nor where texture is lost."""
     if any(one.is_lost for one in seen.textures):
         call.note(
-            "no noise-equivalent quanta: texture is lost that edges keep, as where noise was taken "
-            "away; give raw or linear files, with edges on all sides of the target"
+            "no noise-equivalent quanta: texture loses contrast that edges keep, as after noise "
+            "reduction; give raw or linear files, with edges on all sides of the target"
         )
         return None
     if psf.channels:
-        call.note("no noise-equivalent quanta of raw mosaics: a colour has every second pixel")
+        call.note(
+            "no noise-equivalent quanta for raw mosaics: each colour has only every second pixel"
+        )
         return None
     capacity, remarks = capacity_figures(psf, noise)
     for remark in remarks:
@@ -488,8 +490,8 @@ def _no_leaves(sources: EdgeSources) -> str:
     if sources.reading.pattern is not None:
         return "raw mosaics are not searched for dead leaves"
     return (
-        "no photograph shows the dead leaves of the picture given, 170 px or more on a side "
-        "(turned, 200 px), in focus and not clipped"
+        "no photograph shows the dead leaves of the given picture in focus and not clipped, with a "
+        "side of at least 170 px (200 px if turned)"
     )
 
 

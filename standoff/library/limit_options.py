@@ -268,7 +268,7 @@ def note_on_prediction(
     asked = options is not None and options.curves is not None
     if asked and limit is not None and limit.predicted is None:
         call.note(
-            f"the curves say nothing of zoom {found.zoom:.3f}; no limit was predicted for this pair"
+            f"the curves do not cover zoom {found.zoom:.3f}; no limit was predicted for this pair"
         )
 
 
@@ -288,8 +288,8 @@ def _chosen(
         return next(iter(fitting.values()))
     if not fitting:
         raise ArgumentError(
-            f"{name}: no such curve of observer changes; make one with standoff detectability "
-            "--observer changes, for a Gaussian change"
+            f'{name}: no such curve for the observer "changes"; make one with standoff '
+            "detectability --observer changes, for a Gaussian change"
         )
     models, noises = (sorted({key[k] for key in fitting}, key=str) for k in (0, 1))
     told = [
@@ -298,7 +298,8 @@ def _chosen(
         if len(values) > 1
     ]
     raise ArgumentError(
-        f"{name}: {len(fitting)} curves of observer changes; choose by {' and '.join(told)}"
+        f'{name}: {len(fitting)} curves for the observer "changes"; choose one with '
+        f"{' and '.join(told)}"
     )
 
 

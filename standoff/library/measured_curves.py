@@ -94,7 +94,9 @@ class MeasuredCurves(Shown):
     @property
     def _whole(self) -> DetectabilityCurves:
         if self.curves is None:
-            raise ArgumentError("a part of the photographs gives no curves; measure the others")
+            raise ArgumentError(
+                "one part of the photographs alone gives no curves; measure the other parts"
+            )
         return self.curves
 
     def write(self, path: FilePath, *, parquet: bool = False) -> list[Path]:
@@ -241,7 +243,7 @@ def measure_curves(
     if measured.copies:
         have = "photograph has" if measured.copies == 1 else "photographs have"
         call.note(
-            f"{measured.copies} {have} the content of another; every copy is counted; "
+            f"{measured.copies} {have} the same content as another; every copy is counted; "
             f"see {measured.copies_list}"
         )
     return replace(measured, curves=curves, notes=call.notes)

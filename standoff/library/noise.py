@@ -302,7 +302,7 @@ class _Reading:
             if len(values) > 1:
                 listed = ", ".join(str(value) for value in sorted(values, key=str))
                 raise NoiseError(
-                    f"darks and flats of more than one {what} ({listed}); a noise.json holds for "
+                    f"darks and flats of more than one {what} ({listed}); a noise.json applies to "
                     "one camera at one gain",
                     reason="settings",
                 )
@@ -338,8 +338,8 @@ class _Reading:
         if not self._settings.isos or len(known) < len(stated) or spread < _OTHER_STEP:
             return []
         return [
-            "the files name shutter speeds, such as 1/60 s for 1/64 s: against each other the "
-            f"exposures may be off by {100 * spread:.1f} %, and linearity with them; "
+            "the files state nominal shutter speeds, such as 1/60 s for 1/64 s: relative to each "
+            f"other the exposures may be off by {100 * spread:.1f} %, and so may the linearity; "
             "state the true exposures"
         ]
 
@@ -404,8 +404,8 @@ def _refuse_other_exposure(frame: Photograph, exposure_us: float | None, group: 
         for value in (exposure_us, known)
     )
     raise NoiseError(
-        f"{frame.name} is {one}, other frames of {group.name} {other}: a level has one exposure; "
-        "put each exposure in a folder or list of its own",
+        f"{frame.name} is {one}, but other frames of {group.name} are {other}: a level has one "
+        "exposure; put each exposure in a folder or list of its own",
         reason="settings",
     )
 

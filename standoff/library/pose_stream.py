@@ -197,7 +197,7 @@ def _folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterato
     while True:
         files = [path for path in image_files_in(folder) if path not in seen]
         if not files and not seen and not is_watched:
-            raise ApplicationError(f"{folder}: the folder holds no image")
+            raise ApplicationError(f"{folder}: the folder contains no image")
         for path in files:
             size = path.stat().st_size if path.exists() else 0
             try:

@@ -298,8 +298,8 @@ def _from_scene(call: Call, request: _Request) -> _Calibrated:
             scenes.images, region=request.region, progress=advance_to
         )
     call.note(
-        f"the errors contain {100 * SCENE_ERR:.0f} % for edges that are soft in the scene itself; "
-        "two distances or an edge target are more accurate"
+        f"the errors include {100 * SCENE_ERR:.0f} % for edges that are soft in the scene itself; "
+        "two distances or an edge target give more accurate results"
     )
     return _Calibrated(psf=calibration, origin=scenes.origin)
 
@@ -310,8 +310,8 @@ def _from_distances(call: Call, request: _Request) -> _Calibrated:
     scenes = _scenes(call, request)
     if any(scene[0].noise is None for scene in scenes.series):
         call.note(
-            "the noise of the photographs is unknown and taken to be what the further one "
-            "scatters by; give --noise"
+            "the noise of the photographs is unknown, and is estimated from the scatter of the "
+            "further one; give --noise"
         )
     with call.bar("comparing distances", scenes.pairs) as advance_to:
         calibration = calibrate_from_distances(

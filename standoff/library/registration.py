@@ -317,6 +317,7 @@ def _depth_sentence(parallax: Parallax) -> str:
     low, high = np.nanpercentile(parallax.parallax_px, [2.5, 97.5])
     return (
         f"the scene has depth: 95 % of what both photographs show is displaced by {low:+.1f} to "
-        f"{high:+.1f} px beside a plane; that explains {100 * parallax.held_out_gain:.0f} % of "
-        "what the plane leaves, and parallax.pose follows it"
+        f"{high:+.1f} px relative to a plane; that explains "
+        f"{100 * parallax.held_out_gain:.0f} % of what the plane leaves unexplained, and "
+        "parallax.pose follows it"
     )

@@ -232,7 +232,8 @@ def _notes(found: PixelUncertainty, psf: PsfLike) -> Iterator[str]:
     source = fspath(psf) if isinstance(psf, str | PathLike) else "psf"
     if found.noise is None:
         yield (
-            "the reference's noise is not known and not in the uncertainty; give --reference-noise"
+            "the reference's noise is unknown, and so not included in the uncertainty; give "
+            "--reference-noise"
         )
     if found.psf is None:
         yield f"{source}: the uncertainty excludes the error of this PSF, which is not stated"

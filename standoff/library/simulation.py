@@ -574,8 +574,8 @@ def _refuse_with_depth(model: Model | KernelModel, uncertainty: UncertaintyOptio
         raise ArgumentError(f"depth needs model {' or '.join(POSE_MODELS)}, got {model}")
     if uncertainty is not None:
         raise ArgumentError(
-            "the uncertainty of a scene with depth is not known, as that of its depth is not; "
-            "leave out one of the two"
+            "the uncertainty of a scene with depth is not known, because the uncertainty of the "
+            "depth is not; leave out one of the two"
         )
 
 

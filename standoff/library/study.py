@@ -223,7 +223,7 @@ def _photographs(call: Call, photographs: ImageLike | Iterable[ImageLike]) -> li
         grey = call.photograph(image, name).grey_dn
         if min(grey.shape) < _FEWEST_SIDE_PX:
             raise ArgumentError(
-                f"{name}: {grey.shape[1]} x {grey.shape[0]} px are too few, "
+                f"{name}: {grey.shape[1]} x {grey.shape[0]} px are too few; "
                 f"{_FEWEST_SIDE_PX} a side are needed"
             )
         shown.append(np.asarray(grey, dtype=np.float64))

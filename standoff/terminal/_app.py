@@ -125,7 +125,7 @@ class _Command(TyperCommand):
                 if not text or "\0" in text:
                     fault = "it holds a zero byte" if text else "it is empty"
                     raise BadParameter(
-                        f"no name of a file or folder: {fault}", ctx=ctx, param=parameter
+                        f"not a valid name of a file or folder: {fault}", ctx=ctx, param=parameter
                     )
         try:
             rest = super().parse_args(ctx, args)

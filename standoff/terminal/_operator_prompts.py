@@ -103,8 +103,8 @@ class ScriptedOperator(Operator):
             )
         if len(line) > LONGEST_ANSWER:
             raise ApplicationError(
-                f"{self._source} holds a line of more than {LONGEST_ANSWER} letters, which is no "
-                f"answer to: {question}"
+                f"{self._source} contains a line of more than {LONGEST_ANSWER} characters, which "
+                f"cannot be an answer to: {question}"
             )
         return line.rstrip("\r\n")
 
@@ -143,7 +143,7 @@ def preview_line(estimate: PlanEstimate, out: Path) -> str:
     free = _free_bytes(out)
     room = f"{free / 1e6:.0f} MB free"
     if estimate.bytes_ is not None and free < estimate.bytes_ + SPARE_BYTES:
-        room += f", which is NOT ENOUGH: {SPARE_BYTES / 1e6:.0f} MB stay free"
+        room += f", which is NOT ENOUGH: {SPARE_BYTES / 1e6:.0f} MB must stay free"
     if estimate.bytes_ is None:
         disk = f"disk use depends on the camera's frame ({room})"
     else:

@@ -131,7 +131,7 @@ def _labels(
     -------
     lens: Name of the lens on the first page of the report.
     camera: Name of the camera on the first page of the report.
-    chart: Name of the target with the edges on the first page of the report.
+    chart: Name of the edge target, for the first page of the report.
     customer: Name of the customer on the first page of the report.
     operator: Name of the operator on the first page of the report.
     """
@@ -304,7 +304,7 @@ def _alignment_hints(
     homography: Approximate pose, follow-up to reference pixels; it is refined.
     points: At least four pairs of points, good to a few pixels, with the header
         followup_x_px,followup_y_px,reference_x_px,reference_y_px.
-    mask: Image of the follow-up's size; pixels that are not 0 are left out.
+    mask: Image of the same size as the follow-up; pixels where it is not 0 are left out.
     mirrored: One photograph is mirrored; without this option, such a pair is refused.
     """
     return library.alignment_hints(
@@ -359,8 +359,8 @@ FocalLengthOfTilts = Annotated[
 DepthFolder = Annotated[
     Path | None,
     Option(
-        help="Folder of depth maps (TIFF, PNG) or lists of planes (JSON) with the photographs' "
-        "names; by default scenes are flat."
+        help="Folder of depth maps (TIFF, PNG) or lists of planes (JSON), named like the "
+        "photographs; by default, scenes are flat."
     ),
 ]
 FocusScatterOfPairs = Annotated[

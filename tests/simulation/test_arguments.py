@@ -70,7 +70,7 @@ def test_what_is_meant_is_taken(name: str, value: object, hint: object, expected
             "zooms",
             (1.0, "2"),
             tuple[float, ...],
-            "of its values, expected a number, got str",
+            "one of its values: expected a number, got str",
         ),
         ("size", (1, 2, 3), PAIRS, "size: expected 2 values, got 3"),
         ("zoom", np.ma.masked, float, "zoom: expected a number, got one that is masked"),

@@ -106,5 +106,5 @@ def test_a_zoom_that_is_none_is_refused(zoom: float) -> None:
 
 
 def test_an_encoding_that_is_none_is_refused() -> None:
-    with pytest.raises(standoff.ArgumentError, match="encoding: 'log' is no encoding"):
+    with pytest.raises(standoff.ArgumentError, match="encoding: 'log' is not an encoding"):
         FollowupPerturber(PSF, 1.5, encoding="log")

@@ -138,7 +138,7 @@ def test_a_folder_of_captures_is_known_without_journal_or_manifest(
     (tmp_path / lost).unlink()
     link = tmp_path / "link"
     link.symlink_to(tmp_path)
-    with pytest.raises(OSError, match="never written over"):
+    with pytest.raises(OSError, match="never overwritten"):
         refuse_capture(link / record.file)
     refuse_capture(tmp_path / "results" / "psf.json")
 
@@ -151,5 +151,5 @@ def test_force_does_not_replace_a_capture(tmp_path: Path, command: Command) -> N
     words = ("--zoom", 1.5, "--model", "bicubic", "--out", other, "--force")
     done = command("simulate", capture, *words)
     assert done.status == 1
-    assert "never written over" in done.err
+    assert "never overwritten" in done.err
     assert capture.read_bytes() == before

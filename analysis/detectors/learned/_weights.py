@@ -187,7 +187,8 @@ def load_learned(path: FilePath) -> LearnedDetector:
     except ValueError as error:
         raise DetectorError(f"{name}: {error}", reason="missing") from error
     damaged = DetectorError(
-        f"{name} is damaged or no file of a learned detector; train it again", reason="missing"
+        f"{name} is damaged, or is not the file of a learned detector; train it again",
+        reason="missing",
     )
     try:
         stored: Any = torch.load(BytesIO(content), map_location="cpu", weights_only=True)

@@ -107,7 +107,8 @@ def read_pairs(path: Path) -> list[LabelledPair]:
         raise ResultsFileError(f"cannot read {on_one_line(path)}: {why}") from error
     except (ValueError, KeyError, TypeError, IndexError, EOFError, BadZipFile) as error:
         raise ResultsFileError(
-            f"{on_one_line(path)} is damaged or no file of pairs; run the command that made it"
+            f"{on_one_line(path)} is damaged, or is not a file of pairs; run the command "
+            "that made it"
         ) from error
 
 

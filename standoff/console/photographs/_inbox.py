@@ -230,8 +230,8 @@ def _plain_name(name: str) -> str:
         )
     if suffix not in IMAGE_SUFFIXES:
         raise UploadError(
-            f"{name} is no photograph by its name, which must end as .jpg, .png, .tif or that of "
-            "another kind of image"
+            f"{name} does not have the name of a photograph: it must end in .jpg, .png, .tif or "
+            "that of another kind of image"
         )
     return name
 
@@ -266,7 +266,7 @@ def _png_size(data: bytes) -> tuple[int, int]:
 def _without_place(data: bytes, name: str) -> bytes:
     if Path(name).suffix.lower() not in _JPEG_SUFFIXES:
         raise ImageFileError(
-            f"{name}: the location can be removed from JPEG files alone; send it as one, or with "
+            f"{name}: the location can be removed only from JPEG files; send it as one, or with "
             "its location"
         )
     try:

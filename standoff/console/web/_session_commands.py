@@ -224,7 +224,7 @@ class SessionCommands:
     def _write_note(self, session: Name, text: Reason) -> Document:
         """Add a note to a session's journal."""
         if not text.strip():
-            raise ApplicationError("A note says something.")
+            raise ApplicationError("A note must not be empty.")
         self._notes(session).note(text.strip())
         return {"type": "changed"}
 

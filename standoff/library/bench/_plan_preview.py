@@ -66,6 +66,7 @@ def bench_config(bench: object, settings: Mapping[str, Any] | None) -> BenchConf
         )
     if settings:
         raise ArgumentTypeError(
-            "expected None, got keys beside a config; change the config", argument="settings"
+            "expected None, as bench is a config already, got keys; change the config instead",
+            argument="settings",
         )
     return bench

@@ -211,12 +211,13 @@ def _finished(folder: Path, about: dict[str, Any]) -> dict[str, Any] | None:
     except (ValueError, KeyError, TypeError):
         is_same, files = False, {}
     if not is_same:
-        raise ApplicationError(f"{folder} holds something else; name another --out")
+        raise ApplicationError(f"{folder} contains something else; name another --out")
     for name, facts in files.items():
         file = folder / name
         if not file.is_file() or file_facts(file.read_bytes()) != facts:
             raise ApplicationError(
-                f"{file} is missing or not as it was made; remove {path} to have it made again"
+                f"{file} is missing or has changed since it was made; remove {path} to have it "
+                "made again"
             )
     return dict(manifest)
 
@@ -236,12 +237,12 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
             )
         if any(state.parent.glob("*-*.json")):
             raise ApplicationError(
-                f"{folder} was begun by an earlier version of standoff, from which this one cannot "
-                "go on; remove it, or name another --out"
+                f"{folder} was begun by an earlier version of standoff, and this version cannot "
+                "continue from it; remove it, or name another --out"
             )
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ApplicationError(f"{folder} holds something else; name another --out")
+        raise ApplicationError(f"{folder} contains something else; name another --out")
     make_folder(state.parent)
     write_shared(state, document_bytes(about))
 

@@ -152,7 +152,7 @@ def test_a_photograph_that_was_read_is_taken_as_the_options_say(tmp_path: Path) 
     assert np.array_equal(again.grey_dn, read_photograph(tmp_path / "a.png").grey_dn)
     assert again.saturation_dn is not None
     assert again.saturation_dn < 200
-    with pytest.raises(ImageFileError, match="read before"):
+    with pytest.raises(ImageFileError, match="read already"):
         taken_as(linear, standoff.reading(page=1))
 
 

@@ -105,7 +105,7 @@ def test_of_two_pictures_in_an_exr_none_is_chosen(tmp_path: Path) -> None:
     data = parts(tmp_path, left={"RGB": LIGHT}, right={"RGB": LIGHT / 2})
     text = refusal(tmp_path, data)
     assert "left, right" in text
-    assert "by itself" in text
+    assert "a file of its own" in text
 
 
 def test_parts_without_a_picture_are_named(tmp_path: Path) -> None:

@@ -183,7 +183,7 @@ def test_a_journal_that_is_a_link_to_nothing_makes_no_file(path: Path, name: str
     journal.unlink()
     journal.symlink_to(name)
     before = sorted(path.rglob("*"))
-    with pytest.raises(SessionError, match="a link, which is not written through"):
+    with pytest.raises(SessionError, match="a link, which is not followed when writing"):
         writer(path)
     assert sorted(path.rglob("*")) == before
 
@@ -199,7 +199,7 @@ def test_a_journal_that_is_a_link_is_read_and_never_written(path: Path, tmp_path
         lambda: SessionNotes(path, operator="Zoë").note("dust"),
         lambda: repair_session(path),
     ):
-        with pytest.raises(SessionError, match="a link, which is not written through"):
+        with pytest.raises(SessionError, match="a link, which is not followed when writing"):
             write()
     assert elsewhere.read_bytes() == before
 

@@ -59,7 +59,7 @@ FAULTS: dict[str, tuple[Spoil, str, str]] = {
     "no text": (
         lambda program: (program / "psf.csv").write_bytes(b"chart,edge,mtf50\n\xff,0,0.2\n"),
         "psf.csv",
-        "no text in UTF-8",
+        "is not UTF-8 text",
     ),
     "cells": (rows("a,0,0.2,1"), "psf.csv", "line 2: 4 cells"),
     "control characters": (rows("\x1b[2J,0,1"), "psf.csv", r"'\\x1b[2J'"),
@@ -150,11 +150,11 @@ def test_a_folder_without_results_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(ResultsFileError, match=r"expected psf\.csv"):
         standoff.score_benchmark([program, tmp_path / "empty"], data)
-    with pytest.raises(ResultsFileError, match="is no folder"):
+    with pytest.raises(ResultsFileError, match="is not a folder"):
         standoff.score_benchmark(tmp_path / "nowhere", data)
     with pytest.raises(standoff.ArgumentError):
         standoff.score_benchmark([], data)
-    with pytest.raises(ResultsFileError, match=r"give them names in about\.json"):
+    with pytest.raises(ResultsFileError, match=r"give them different names in about\.json"):
         standoff.score_benchmark([program, program], data)
 
 

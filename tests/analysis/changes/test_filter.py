@@ -321,11 +321,11 @@ def test_an_ordinary_change_is_not_doubted() -> None:
 
 def test_a_strip_along_a_border_is_named_with_its_side() -> None:
     (left,) = change_warnings([], masks(block(slice(10, 190), slice(10, 13))))
-    assert "line the left of" in left
+    assert "lie along the left of" in left
     (two,) = change_warnings(
         [], masks(block(slice(10, 14), slice(10, 290)) | block(slice(12, 188), slice(287, 290)))
     )
-    assert "line the top and right of" in two
+    assert "lie along the top and right of" in two
 
 
 def test_changes_beside_a_masked_hole_are_no_border() -> None:

@@ -176,7 +176,7 @@ def test_where_the_ends_leave_nothing_it_is_said() -> None:
     aside = np.eye(3)
     aside[:2, 2] = 0.5
     options = ChangeOptions(pose=at_rest((160, 160), aside), white_level_dn=(255.0, 255.0))
-    with pytest.raises(OverlapError, match="at an end of the scale, or beside one"):
+    with pytest.raises(OverlapError, match="clipped or next to clipped pixels"):
         changes_between(dots, dots, options=options)
 
 

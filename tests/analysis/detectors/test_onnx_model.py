@@ -104,7 +104,7 @@ def test_a_network_may_return_a_number(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("operator", "inputs", "options", "reason", "words"),
     [
-        ("Conv", (["N", 2, 64, 64],), {}, "shape", "takes 64 x 64 px alone and the follow-up has"),
+        ("Conv", (["N", 2, 64, 64],), {}, "shape", "takes only 64 x 64 px, but the follow-up has"),
         ("Identity", (["N", 3, "H", "W"],), {}, "shape", "it takes N x 3 x H x W"),
         ("Identity", (["N", 2],), {}, "shape", "it takes N x 2; expected"),
         ("Add", (FRAME, FRAME), {}, "shape", "expected one input"),

@@ -125,7 +125,7 @@ def test_a_hidden_change_is_labelled_as_none() -> None:
 @pytest.mark.parametrize(
     ("asked", "depth", "message"),
     [
-        (task(), FLAT[:200], "depth map has another size"),
+        (task(), FLAT[:200], "depth map has a different size"),
         (task(reference_zoom=1.2), FLAT, "reference zoom 1"),
         (task(model="paper"), FLAT, "model matched or lmmse"),
     ],

@@ -122,7 +122,7 @@ def test_the_sentence_names_the_direction_as_the_picture_has_it(
 
 def test_where_a_move_would_not_help_none_is_named() -> None:
     sentence = figures(in_line_range_px=9.0, move=(1.0, 0.0)).sentence
-    assert "no move sideways would show much less" in sentence
+    assert "moving sideways would not reduce it much" in sentence
     assert "right" not in sentence
 
 

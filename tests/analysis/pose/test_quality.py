@@ -248,7 +248,7 @@ def test_the_focus_that_would_turn_a_verdict_turns_it() -> None:
 def test_a_focus_that_turns_nothing_is_said_to() -> None:
     found = decide(curve_knowing(), 1.5, 2 * exp(5 * ERR), 2.0)
     assert found.focus_turning_px2 is None
-    assert "would turn it" in (found.unknown_sentence or "")
+    assert "would change the verdict" in (found.unknown_sentence or "")
 
 
 def test_the_budget_names_what_decides_and_what_would_shrink_it() -> None:

@@ -255,7 +255,7 @@ def test_of_photographs_with_the_same_content_one_is_cut(photographs: Path, tmp_
     done = write(out, own, call=call)
     assert (done.images, done.copies, done.train + done.test) == (152, 2, 150 * 4)
     [note] = [one for one in call.notes if "content" in one]
-    assert note.startswith("2 images have the content of another")
+    assert note.startswith("2 images have the same content as another")
     kept, other = str(own / "a copy.png"), str(own / "scene.007.png")
     listed = (out / "shards" / "copies.txt").read_text()
     assert listed == f"{other} = {kept}\n{own / 'z copy.png'} = {kept}\n"

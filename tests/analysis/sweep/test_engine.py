@@ -127,6 +127,6 @@ def test_a_folder_of_an_earlier_version_is_refused_with_the_remedy(
     with pytest.raises(SweepError) as refused:
         Manifest([], work.state)
     assert str(refused.value) == (
-        f"{work.state} is of an earlier version of standoff, from which this one cannot go on; "
-        "remove it, or name another --out"
+        f"{work.state} was written by an earlier version of standoff, and this version cannot "
+        "continue from it; remove it, or name another --out"
     )

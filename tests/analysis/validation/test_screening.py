@@ -79,7 +79,7 @@ def test_a_capture_from_another_height_than_recorded_is_excluded(tmp_path: Path)
     session = height_series(tmp_path / "series", height_errors_mm={150.0: 12.0})
     screening = screen(session, PSF)
     assert set(excluded_of(screening)) == {2}
-    assert "by the images" in screening.excluded[0].reason
+    assert "according to the images" in screening.excluded[0].reason
 
 
 @pytest.mark.slow

@@ -243,7 +243,7 @@ def test_only_a_psf_that_is_not_the_lens_s_is_named(series: Session) -> None:
     (sentence,) = [remark for remark in wrong.remarks if "does not fit" in remark]
     worst = max(wrong.pairs, key=lambda pair: min(pair.chi2_reduced.values()))
     first = f"{worst.target} {worst.reference_height_mm:g} to {worst.followup_height_mm:g} mm"
-    assert f"(reduced chi-squared) {first}" in sentence
+    assert f"(reduced chi-squared): {first}" in sentence
 
     # Models without physics say nothing of the captures, and captures of one frame no noise.
     assert list(fit_remarks(wrong.pairs, ("bicubic", "paper"))) == []

@@ -161,7 +161,7 @@ def test_edges_of_one_direction_are_those_of_a_round_lens() -> None:
     found, remarks = capacity_figures(one, NOISE)
     figures = known(found)
     assert figures.is_round
-    assert any("taken as round" in remark for remark in remarks)
+    assert any("assumed to be round" in remark for remark in remarks)
     assert figures.detection[1].snr.value == pytest.approx(disc_snr(5.0), rel=0.02)
 
 

@@ -51,7 +51,7 @@ def test_flats_of_demosaiced_or_smoothed_frames_give_no_gain(
     processed: Callable[[Frames], Frames],
 ) -> None:
     """Grey pictures of a colour camera, or of one that reduces noise: a gain 7 times too large."""
-    with pytest.raises(NoiseError, match="neighbouring pixels goes together"):
+    with pytest.raises(NoiseError, match="neighbouring pixels is correlated"):
         standoff.measure_noise(
             darks=processed(DARKS), flats=[processed(each) for each in FLATS], white_level=TOP_DN
         )
@@ -63,7 +63,7 @@ def test_a_little_that_pixels_hand_to_their_neighbours_is_a_note() -> None:
     noise = standoff.measure_noise(
         darks=DARKS, flats=[smoothed(each, coupled) for each in FLATS], white_level=TOP_DN
     )
-    (note,) = [each for each in noise.calibration.notes if "goes together" in each]
+    (note,) = [each for each in noise.calibration.notes if "is correlated" in each]
     assert "too large by" in note
 
 
@@ -77,13 +77,13 @@ def test_noise_that_rows_share_is_no_smoothing() -> None:
         for each in FLATS
     ]
     noise = standoff.measure_noise(darks=DARKS, flats=flats, white_level=TOP_DN)
-    assert not [each for each in noise.calibration.notes if "goes together" in each]
+    assert not [each for each in noise.calibration.notes if "is correlated" in each]
 
 
 def test_sound_frames_are_measured_as_before() -> None:
     noise = standoff.measure_noise(darks=DARKS, flats=FLATS, white_level=TOP_DN)
     assert noise.calibration.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=0.05)
-    assert not [each for each in noise.calibration.notes if "goes together" in each]
+    assert not [each for each in noise.calibration.notes if "is correlated" in each]
 
 
 @pytest.mark.parametrize("kind", ["darks", "flats"])
@@ -91,13 +91,13 @@ def test_a_frame_that_was_saved_twice_is_named(kind: str) -> None:
     """A grab loop that fetches faster than the camera delivers writes pictures twice."""
     darks, flats = DARKS.copy(), [each.copy() for each in FLATS]
     (darks if kind == "darks" else flats[1])[3] = (darks if kind == "darks" else flats[1])[1]
-    with pytest.raises(NoiseError, match="frames 2 and 4 are the same picture"):
+    with pytest.raises(NoiseError, match="frames 2 and 4 are identical, bit for bit"):
         standoff.measure_noise(darks=darks, flats=flats, white_level=TOP_DN)
 
 
 def test_frames_that_are_all_the_same_are_called_that() -> None:
     flats = [np.repeat(each[:1], 3, axis=0) for each in FLATS]
-    with pytest.raises(NoiseError, match="frames 1 and 2 are the same picture"):
+    with pytest.raises(NoiseError, match="frames 1 and 2 are identical, bit for bit"):
         standoff.measure_noise(darks=DARKS, flats=flats, white_level=TOP_DN)
 
 

@@ -144,7 +144,7 @@ def test_a_filter_that_keeps_edges_is_named() -> None:
     smooth = cv2.bilateralFilter(with_edges(50.0).astype(np.float32), 7, 200.0, 2.0)
     found = measured(smooth.astype(np.float64))
     assert found.is_lost
-    assert "Texture is lost that edges keep" in found.sentence
+    assert "Texture loses contrast that edges keep" in found.sentence
 
 
 def test_a_lens_less_sharp_at_the_target_is_named_as_what_looks_the_same() -> None:

@@ -106,7 +106,7 @@ def test_the_edges_of_a_scene_tell_the_psf_and_how_little_that_is(
     found = json.loads(out.read_text())
     assert found["optical_sigma_x_px"] == pytest.approx(0.7, rel=0.1)
     assert found["sigma_x_err_px"] == pytest.approx(0.2 * found["sigma_x_px"], rel=0.1)
-    assert "note: the errors contain 20 %" in done.err
+    assert "note: the errors include 20 %" in done.err
 
 
 def test_an_image_without_edges_tells_no_psf(

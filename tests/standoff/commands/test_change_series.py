@@ -273,7 +273,7 @@ def test_photographs_of_two_folders_are_paired_by_their_names(
     words = ("changes", before, after, "--psf", root / "psf.json", "--out", out)
     done = command.done(*words)
     assert "2 follow-ups compared, 1 with changed pixels (0 already done)" in done.out
-    assert "2 photographs without a partner of their name" in done.err
+    assert "2 photographs have no partner with the same name" in done.err
     series = read_changes_series(out / "summary.json")
     assert series.reference == str(before)
     assert series.unpaired == (str(after / "late.tif"), str(before / "alone.tif"))
@@ -299,7 +299,7 @@ def test_photographs_of_two_folders_are_paired_by_their_names(
     [
         (("photographs/same.tif",), "is a folder of references"),
         (("photographs",), "is given as both folders"),
-        (("empty",), "the folder holds no image"),
+        (("empty",), "the folder contains no image"),
         (("others",), "no photograph in"),
     ],
 )

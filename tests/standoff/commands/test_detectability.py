@@ -89,7 +89,7 @@ def test_what_cannot_be_measured_is_named_and_the_curves_are_of_the_others(
     err = command.refused(1, *asked)
     assert "standoff: 2 photographs could not be measured" in err
     assert "are from the other 3" in err
-    assert "1 photograph has the content of another" in err
+    assert "1 photograph has the same content as another" in err
     listed = (tmp_path / "curves.sweep" / "refused.txt").read_text()
     assert listed.count("\n") == 2
     for path in (folder / "corrupt.tif", missing):

@@ -111,7 +111,7 @@ def test_a_folder_of_references_is_served_as_one(
 ) -> None:
     folder = tmp_path / "references"
     folder.mkdir()
-    assert "holds no image" in command.refused(1, "guide", folder, *HERE)
+    assert "contains no image" in command.refused(1, "guide", folder, *HERE)
     shutil.copy(stills.reference, folder / "mole.jpg")
     shutil.copy(stills.other, folder / "bridge.jpg")
     command.done("guide", folder, *HERE, "--out", tmp_path / "out")

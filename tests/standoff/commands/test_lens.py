@@ -212,7 +212,7 @@ def test_a_raw_mosaic_has_three_colours_and_no_quanta(tmp_path: Path) -> None:
     assert "its own Nyquist frequency is 0.25 cy/px" in Page(page.read_text("utf-8")).text
     assert [one.colour for one in lens.colours] == ["green", "red", "blue"]
     assert lens.capacity is None
-    assert any("no noise-equivalent quanta of raw mosaics" in note for note in lens.notes)
+    assert any("no noise-equivalent quanta for raw mosaics" in note for note in lens.notes)
 
 
 def test_noise_and_frames_exclude_each_other(edge_file: Path, noise_file: Path) -> None:
@@ -262,7 +262,7 @@ def test_photographs_through_focus_give_focus_over_the_field(
     words = ("--focus-mm", positions, "--pixel-pitch-um", 6.0, "--limits", limits)
     said = command.done("lens", *through_focus, *words, "--out", out)
     assert "best focus at 0.0" in said.out
-    assert "all figures but those through focus are of the 1 photograph at 0 mm" in said.err
+    assert "all figures except those through focus are from the 1 photograph at 0 mm" in said.err
     document = json.loads((tmp_path / "lens.json").read_text("utf-8"))
     found = document["through_focus"]
     assert found["field"]["tilt_x_mm"]["value"] == pytest.approx(0.05, abs=0.004)

@@ -173,7 +173,7 @@ def test_of_many_the_first_and_the_worst_few_are_shown(
     for number in range(10, 31):
         shutil.copy(folder / "frame-0.tif", folder / f"frame-{number}.tif")
     done = command.done(*asked(folder), "--out", tmp_path / "out")
-    first, worst = done.out.split("Follow-ups with the least d'")
+    first, worst = done.out.split("Follow-ups with the lowest d'")
     assert first.count("frame-") == 5
     assert worst.count("frame-") == 5
     assert worst.index("frame-2.tif") < worst.index("frame-1.tif") < worst.index("frame-10.tif")

@@ -37,7 +37,7 @@ def test_a_comparison_says_how_its_limit_compares_with_the_predicted_one_of_its_
 ) -> None:
     curves, out = predicted(command, pair, tmp_path / "curves.json", noise="1,2"), tmp_path / "out"
     words = ("changes", *pair[1:], "--psf", pair[0], "--curves", curves, "--out", out)
-    assert "choose by --curve-noise (1.0, 2.0)" in command.refused(2, *words)
+    assert "choose one with --curve-noise (1.0, 2.0)" in command.refused(2, *words)
     told = command.done(*words, "--curve-noise", 2)
     document = json.loads((out / "changes.json").read_text())
     assert_provenance(document, "changes", pair[1], pair[2], pair[0], curves)
@@ -55,7 +55,7 @@ def test_a_zoom_beyond_the_curve_is_said(
     curves = predicted(command, pair, tmp_path / "curves.json", zooms="1,1.05")
     words = ("changes", *pair[1:], "--psf", pair[0], "--curves", curves)
     done = command.done(*words, "--out", tmp_path / "out")
-    assert "the curves say nothing of zoom" in done.err
+    assert "the curves do not cover zoom" in done.err
 
 
 def test_curves_of_another_observer_are_refused(

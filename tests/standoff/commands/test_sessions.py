@@ -67,7 +67,7 @@ def test_a_dry_run_lists_the_captures_and_writes_nothing(
     assert not out.exists()
     out.mkdir()
     (out / "session.json").write_text("{}")
-    assert "already holds a session" in command(capture_line, "--dry-run").err
+    assert "already contains a session" in command(capture_line, "--dry-run").err
 
 
 def test_the_operator_is_asked_at_every_new_target_and_may_skip_it(

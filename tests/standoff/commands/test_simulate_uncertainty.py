@@ -57,7 +57,7 @@ def test_what_is_not_known_is_said(
     out, err = tmp_path / "far.tif", tmp_path / "err.tif"
     words = ("--zoom", 1.5, "--psf", psf_file, "--out", out, "--uncertainty", err)
     done = command.done("simulate", waves, *words)
-    assert "reference's noise is not known" in done.err
+    assert "reference's noise is unknown" in done.err
     assert "--focus-scatter" in done.err
     assert "standard error" in done.out
     assert tifffile.imread(err).dtype == np.float32

@@ -139,7 +139,7 @@ def test_images_too_small_and_folders_without_images_are_named(
         assert name in done.err
     empty = tmp_path / "empty"
     empty.mkdir()
-    assert "holds no image" in make(command, empty, psf=psf, out=out, more=()).err
+    assert "contains no image" in make(command, empty, psf=psf, out=out, more=()).err
     assert make(command, folder, psf=psf, out=out, more=("--test-fraction", 2)).status == 2
 
 

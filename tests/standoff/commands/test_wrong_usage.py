@@ -102,7 +102,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("--focal-length-px nan", "--focal-length-px"),
     ),
     f"{LIMITS} {CAMERA}": (
-        ("", "2 curves match; choose by --observer (hotelling, npw)"),
+        ("", "2 curves match; choose one with --observer (hotelling, npw)"),
         ("--observer cho", "no curve matches"),
         ("--observer npw --at-tilt 5", "--at-tilt needs --at-zoom"),
         ("--geometry g.json", "give exactly one of --geometry, --focal-length-px and --homography"),
@@ -164,8 +164,8 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
     ),
     f"pose near.tif photographs {POSE}": (
         ("", "several follow-ups need --out DIR"),
-        ("--out out --picture map.png", "only one follow-up has a picture"),
-        ("--out out --flat", "several follow-ups are judged by a plane"),
+        ("--out out --picture map.png", "a picture is written for a single follow-up only"),
+        ("--out out --flat", "with several follow-ups, the scene is always treated as a plane"),
         ("--out out --shard 3/2", "expected K/N with K from 1 to N"),
         ("--out out --workers 2 --scheduler tcp://x:1", "not both"),
     ),

@@ -81,7 +81,7 @@ def test_what_was_given_at_the_start_counts_at_once(tmp_path: Path, judge: Judge
 
 def test_what_was_given_must_tell_which_curve_is_meant(tmp_path: Path, judge: Judge) -> None:
     path = written(tmp_path / "spring.json", SEVERAL)
-    with pytest.raises(ArgumentError, match="choose by --noise"):
+    with pytest.raises(ArgumentError, match="choose one with --noise"):
         PoseCurves(tmp_path, GivenCurves(path=path), judge)
     with pytest.raises(ArgumentError, match="above 0"):
         PoseCurves(tmp_path, GivenCurves(min_dprime=-1.0), judge)
@@ -143,7 +143,7 @@ def test_a_curve_of_a_file_that_was_written_anew_is_not_another_one(
     curves.choose("curves.json")
     path.unlink()
     written(path, DetectabilityCurves(curves=SEVERAL.curves[::-1]))
-    with pytest.raises(ApplicationError, match="written anew"):
+    with pytest.raises(ApplicationError, match="has been rewritten"):
         curves.choose("curves.json", 0)
     assert judge.maker is None
     curves.choose("curves.json", 0)

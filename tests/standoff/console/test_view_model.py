@@ -321,7 +321,7 @@ def test_a_plan_has_room_by_the_rule_by_which_a_session_is_refused(
     if is_room:
         writer.require_space(10**6)
     else:
-        with pytest.raises(SessionError, match="need 1 MB, and 67 MB stay free"):
+        with pytest.raises(SessionError, match="need 1 MB, and 67 MB must stay free"):
             writer.require_space(10**6)
 
 

@@ -104,7 +104,7 @@ def test_a_copy_that_says_no_encoding_is_taken_as_the_other_one(tmp_path: Path) 
     summary = found(before, tmp_path / "deep.tif")
     assert summary.changes == ()
     (said,) = summary.warnings
-    assert "deep.tif does not say how its levels are encoded" in said
+    assert "deep.tif does not state how its levels are encoded" in said
     assert "read as srgb, like that file" in said
 
 

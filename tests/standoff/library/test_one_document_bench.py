@@ -76,7 +76,7 @@ def test_capture_dry_run(
     found = standoff.preview_plan(plan_file, bench_file, session_dir)
     assert printed(done) == found.to_json()
     assert all(note in done.err for note in found.notes)
-    assert "already holds a session" in found.notes[-1]
+    assert "already contains a session" in found.notes[-1]
     assert standoff.preview_plan(plan_file, bench_file).notes == ()
 
 

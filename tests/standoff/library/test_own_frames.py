@@ -307,7 +307,7 @@ def two_exposures(folder: Path) -> list[object]:
 
 
 REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
-    "one frame": (lambda _: [FLATS[1000.0][:1], FLATS[2000.0]], "a flat level takes 2 at least"),
+    "one frame": (lambda _: [FLATS[1000.0][:1], FLATS[2000.0]], "a flat level needs at least 2"),
     "two sizes": (lambda _: {1: [*FLATS[1000.0], FLATS[1000.0][0, :20]]}, "40 x 24 and 40 x 20"),
     "levels of two sizes": (
         lambda _: [FLATS[1000.0][:, :20], FLATS[2000.0][:, :20]],
@@ -316,7 +316,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "two exposures": (two_exposures, "a level has one exposure"),
     "JPEG": (lambda folder: jpegs(folder / "j"), "JPEG"),
     "sRGB": (lambda folder: pngs(folder / "p"), "taken as srgb"),
-    "means": (lambda _: [each.astype(float) / 3 for each in FLATS.values()], "no whole numbers"),
+    "means": (lambda _: [each.astype(float) / 3 for each in FLATS.values()], "not whole numbers"),
     "colours": (
         lambda _: [[np.stack([f, f + 1, f], axis=2) for f in FLATS[1000.0]]] * 2,
         "frames are an array of",
@@ -343,7 +343,7 @@ def test_frames_that_cannot_be_are_refused_with_the_remedy(what: str, tmp_path: 
 
 
 def test_darks_and_flats_that_are_exchanged_are_refused() -> None:
-    with pytest.raises(NoiseError, match="exchanged"):
+    with pytest.raises(NoiseError, match="have been swapped"):
         standoff.measure_noise(darks=FLATS, flats=DARKS, white_level=TOP_DN)
     lit = taken((16000.0,), ELECTRONS_PER_US)
     with pytest.raises(NoiseError, match="put the lens cap on"):

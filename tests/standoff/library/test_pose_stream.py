@@ -129,7 +129,7 @@ def test_a_folder_without_images_and_one_that_is_too_small_are_one_line(
     empty = tmp_path / "empty"
     empty.mkdir()
     done = command(*asked, "--stream", empty)
-    assert (done.status, "holds no image" in done.err) == (1, True)
+    assert (done.status, "contains no image" in done.err) == (1, True)
     tifffile.imwrite(empty / "tiny.tif", np.eye(20, dtype=np.float32))
     done = command(*asked, "--stream", empty)
     assert done.status == 1

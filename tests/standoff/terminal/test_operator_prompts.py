@@ -108,5 +108,5 @@ def test_the_operator_is_told_what_to_place(kind: str, sentence: str) -> None:
 
 def test_a_script_whose_line_never_ends_is_refused_by_name() -> None:
     scripted = ScriptedOperator(iter(["\0" * (LONGEST_ANSWER + 1)]), "/dev/zero")
-    with pytest.raises(ApplicationError, match=r"/dev/zero holds a line of more than"):
+    with pytest.raises(ApplicationError, match=r"/dev/zero contains a line of more than"):
         scripted.place(ENTRY)

@@ -78,7 +78,7 @@ def test_without_the_token_nobody_sends_or_sees_a_photograph(hub: ConsoleHub) ->
     ("path", "data", "status", "said"),
     [
         (ANNOUNCED.replace("wall.jpg", "..%2Fwall.jpg"), b"", 422, "cannot be the name"),
-        (ANNOUNCED.replace("wall.jpg", "wall.exe"), b"", 422, "no photograph by its name"),
+        (ANNOUNCED.replace("wall.jpg", "wall.exe"), b"", 422, "not have the name of a photograph"),
         (ANNOUNCED.replace(f"bytes={len(DATA)}", "bytes=99999999999"), b"", 422, "at most 64 MB"),
         (ANNOUNCED.replace(SHA256, "0"), b"", 422, "SHA-256"),
         (PART, bytes(PART_BYTES + 1), 413, "at most 1024 kB"),

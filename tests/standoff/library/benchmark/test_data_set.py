@@ -89,12 +89,12 @@ def test_the_manifest_lists_every_file_and_nothing_else_is_left(tiny: Path) -> N
 def test_a_set_that_is_complete_is_found_so_and_one_that_was_altered_is_not(tiny: Path) -> None:
     again = standoff.make_benchmark(tiny, size="tiny")
     assert again.tasks_found_done == sum(again.tasks.values()) == 30
-    with pytest.raises(ApplicationError, match="holds something else; name another --out"):
+    with pytest.raises(ApplicationError, match="contains something else; name another --out"):
         standoff.make_benchmark(tiny, size="tiny", seed=2)
     card = tiny / "README.md"
     kept = card.read_bytes()
     card.write_bytes(b"# Mine\n")
-    with pytest.raises(ApplicationError, match=r"README\.md is missing or not as it was made"):
+    with pytest.raises(ApplicationError, match=r"README\.md is missing or has changed since"):
         standoff.make_benchmark(tiny, size="tiny")
     card.write_bytes(kept)
 
@@ -132,10 +132,10 @@ def test_an_interrupted_run_goes_on_where_it_was_and_makes_the_same_set(
 
 def test_a_folder_with_something_else_in_it_is_refused_and_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(ApplicationError, match="holds something else; name another --out"):
+    with pytest.raises(ApplicationError, match="contains something else; name another --out"):
         standoff.make_benchmark(tmp_path, size="tiny")
     file = tmp_path / "thesis.txt"
-    with pytest.raises(ApplicationError, match="holds something else"):
+    with pytest.raises(ApplicationError, match="contains something else"):
         standoff.make_benchmark(file, size="tiny")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
     assert file.read_text() == "mine"
