@@ -429,8 +429,8 @@ def _to_after_minus_before(pair: PhotographPair, gain: Float32Array) -> Float32A
     Works in place of the ``gain``.
     """
     if not pair.is_on_followup:
-        # So far before minus after, in the reference's levels. Far from all that both show, the gain
-        # may be 0.
+        # So far before minus after, in the reference's levels. Far from all that both show, the
+        # gain may be 0.
         gain[gain == 0] = 1
         return np.divide(np.float32(-1), gain, out=gain)
     # Otherwise in the levels that the tone curve made, if there is one.
