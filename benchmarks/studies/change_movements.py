@@ -10,7 +10,7 @@ are left, and the same spots on the follow-up.
     STANDOFF_REAL_DATA=/path/to/data python -m benchmarks.studies.change_movements
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, log, pi
 
 import cv2
@@ -80,8 +80,11 @@ def _ground_of(number: int, first_seed: int) -> tuple[FlatScene, PairPose]:
     return scene(kind, FRAME, first_seed + number, contrast_dn=CONTRAST_DN), pose
 
 
-def _relief(number: int, *, is_hard: bool) -> ChangeSummary:
-    """A scene whose bumps, or layers, are displaced by 1 to 4 px along one direction."""
+def _relief(number: int, *, is_hard: bool) -> tuple[float, float]:
+    """Pixels listed as changes of a scene whose bumps, or layers, are displaced by 1 to 4 px.
+
+    All along one direction. With depth and movements, and on one plane without either.
+    """
     rng = np.random.default_rng(4000 + number + (500 if is_hard else 0))
     ground, pose = _ground_of(number, 700)
     angle, bumps, layers = rng.uniform(0, 2 * pi), list[Bump](), list[Layer]()
@@ -98,7 +101,12 @@ def _relief(number: int, *, is_hard: bool) -> ChangeSummary:
             bumps.append(Bump(centre_px=place, width_px=rng.uniform(12, 30), shift_px=shift))
     made = ReliefScene(ground=ground, bumps=tuple(bumps), layers=tuple(layers))
     pair = _developed(relief_pair(made, FRAME, pose), number)
-    return changes_between(*pair, options=ChangeOptions(pose=pose.known(FRAME))).summary
+    follows = ChangeOptions(pose=pose.known(FRAME))
+    left, plain = (
+        sum(one.area_px for one in changes_between(*pair, options=options).summary.changes)
+        for options in (follows, replace(follows, flat=True, count_moved=True))
+    )
+    return left, plain
 
 
 def _layer(
@@ -144,17 +152,13 @@ def _things(
 
 
 def _reliefs(record: Recorder, frames: int) -> None:
-    """Pixels listed as changes with the test and without."""
+    """Pixels that parallax leaves among the changes."""
     for is_hard, name in ((False, "smooth relief"), (True, "relief with hard steps")):
         for half, which in ((0, "first half"), (1, "second half, kept back")):
-            listed = left = 0.0
-            for number in range(half, frames, 2):
-                found = _relief(number, is_hard=is_hard)
-                left += sum(one.area_px for one in found.changes)
-                listed += sum(one.area_px for one in (*found.changes, *found.moved))
-            share = 100 * left / max(listed, 1.0)
-            record.say(f"{name}, {which}: {left:.0f} of {listed:.0f} px left, {share:.1f} %")
-            record.figure(f"pixels left, {name}, {which}", share, "%")
+            numbers = range(half, frames, 2)
+            each = np.array([_relief(number, is_hard=is_hard) for number in numbers])
+            left, plain = each.mean(axis=0)
+            record.figure(f"pixels left a frame, {name}, {which}", left, "px", "one plane", plain)
 
 
 def _moved_things(record: Recorder, frames: int) -> None:
