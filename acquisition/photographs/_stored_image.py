@@ -227,18 +227,18 @@ def coded_variance(
     """
     frequency = np.fft.fftfreq(_FREQUENCIES)
     kept = np.exp(-((2 * np.pi * width_px * frequency) ** 2))
-    rows, columns = (_spectra(is_half) @ kept / kept.sum() for is_half in halved)
+    rows, columns = (_spectra(frequency, is_half) @ kept / kept.sum() for is_half in halved)
     return float(rows @ (np.square(np.asarray(steps, dtype=np.float64)) / 12) @ columns)
 
 
-def _spectra(is_half: bool) -> FloatArray:
+def _spectra(frequency: FloatArray, is_half: bool) -> FloatArray:
     """Mean power of each coefficient's pattern a pixel, shape ``(8, frequencies)``."""
     patterns = idct(np.eye(_SIZE), axis=1, norm="ortho")
     if is_half:
         patterns = np.repeat(patterns, 2, axis=1)
-    spectra = np.square(np.abs(np.fft.fft(patterns, _FREQUENCIES, axis=1))) / patterns.shape[1]
+    spectra = np.square(np.abs(np.fft.fft(patterns, len(frequency), axis=1))) / patterns.shape[1]
     # Interpolated pixels are repeated ones behind weights of 1, 2 and 1.
-    return spectra * np.cos(np.pi * np.fft.fftfreq(_FREQUENCIES)) ** 4 if is_half else spectra
+    return spectra * np.cos(np.pi * frequency) ** 4 if is_half else spectra
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -209,9 +209,7 @@ class _WorkEnvelope:
             return None
         settings = f"stage.home_offset_mm and {self.travel_setting}"
         kept_mm = max(low_mm, self.low_mm), min(high_mm, self.high_mm)
-        remedy = (
-            f"correct {settings}: as they are set, the stage reaches no height within limits_mm"
-        )
+        remedy = f"correct {settings}: as they are set, the stage reaches none of these heights"
         if kept_mm[0] < kept_mm[1]:
             shorter = ", or a shorter $27 that still releases the switch"
             remedy = (

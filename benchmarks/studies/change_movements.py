@@ -81,9 +81,9 @@ def _ground_of(number: int, first_seed: int) -> tuple[FlatScene, PairPose]:
 
 
 def _relief(number: int, *, is_hard: bool) -> tuple[float, float]:
-    """Pixels listed as changes of a scene whose bumps, or layers, are displaced by 1 to 4 px.
+    """Pixels listed as changes: with depth and movements followed, and on one plane without.
 
-    All along one direction. With depth and movements, and on one plane without either.
+    Of a scene whose bumps, or layers, are displaced by 1 to 4 px along one direction.
     """
     rng = np.random.default_rng(4000 + number + (500 if is_hard else 0))
     ground, pose = _ground_of(number, 700)

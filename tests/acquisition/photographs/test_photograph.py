@@ -128,12 +128,17 @@ def test_equal_steps_are_white_behind_any_filter(width_px: float) -> None:
     assert coded.variance(width_px) == pytest.approx((step**2 / 12 + 1 / 12,) * 2)
 
 
-def test_a_wide_filter_sees_the_coarsest_coefficient_alone() -> None:
-    steps = np.full((8, 8), 40.0)
+@pytest.mark.parametrize(("halved", "shared_px"), [((False, False), 1), ((True, True), 4)])
+def test_a_wide_filter_sees_the_mean_of_the_blocks_alone(
+    halved: tuple[bool, bool], shared_px: int
+) -> None:
+    steps = np.full((8, 8), 6.0)
     steps[0, 0] = 3.0
-    coded = CodedSteps(luma=steps, chroma=steps, halved=(False, False))
-    # The others let so little through at a frequency of 1/300 that a hundredth of theirs is most.
-    assert coded.variance(50.0) == pytest.approx((9 / 12 + 1 / 12,) * 2, abs=40**2 / 12 / 100)
+    coded = CodedSteps(luma=steps, chroma=steps, halved=halved)
+    luma, chroma = coded.variance(50.0)
+    assert luma == pytest.approx(9 / 12 + 1 / 12, rel=0.02)
+    # Of halved chroma four pixels share one error.
+    assert chroma == pytest.approx(shared_px * (9 / 12 + 1 / 12), rel=0.02)
 
 
 @pytest.mark.parametrize("width_px", [1.0, 2.0, 2.8, 5.7, 11.3])

@@ -184,7 +184,7 @@ def test_limits_of_which_nothing_is_reached_point_to_the_home_offset() -> None:
     fault = envelope().fault((10.0, 300.0))
     assert fault is not None
     assert "home_offset_mm" in fault.remedy
-    assert "set stage.limits_mm" not in fault.remedy
+    assert "limits_mm" not in fault.remedy
 
 
 @given(
