@@ -225,7 +225,7 @@ def coded_variance(
     An error is even over its step, of ``steps``, shape ``(8, 8)``. Along axes that are ``halved``,
     pixels between the coded ones are interpolated linearly.
     """
-    frequency = np.fft.fftfreq(_FREQUENCIES)
+    frequency: FloatArray = np.asarray(np.fft.fftfreq(_FREQUENCIES), dtype=np.float64)
     kept = np.exp(-((2 * np.pi * width_px * frequency) ** 2))
     rows, columns = (_spectra(frequency, is_half) @ kept / kept.sum() for is_half in halved)
     return float(rows @ (np.square(np.asarray(steps, dtype=np.float64)) / 12) @ columns)
