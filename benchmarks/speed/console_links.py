@@ -36,8 +36,8 @@ STOP = """() => new Promise((done) => {
 })"""
 
 
-def _figures_of(page: Page) -> str:
-    """One line of what a page shows for some time."""
+def _measure_page(record: Recorder, page: Page, name: str) -> None:
+    """Keep what a page shows for some time over a link."""
     wait_until(lambda: page.evaluate(DRAWN) > 0, "a picture")
     time.sleep(SETTLING_S)
     page.evaluate(LOSSES)
@@ -49,11 +49,17 @@ def _figures_of(page: Page) -> str:
     rate_hz = (page.evaluate(DRAWN) - drawn) / (time.monotonic() - begun_s)
     form = text(page, "#picture-rate").partition(" ms")[2].strip(" ,") or "as they are"
     stops_ms = [page.evaluate(STOP) for _ in range(STOPS)]
-    return (
-        f"{rate_hz:5.1f} a second, age {statistics.median(ages_ms):4.0f} ms (at most "
-        f"{max(ages_ms):4.0f}), STOP answered in {statistics.median(stops_ms):4.0f} ms, connection "
-        f"lost {page.evaluate('standoff.losses')} times; {form}"
+    age_ms, stop_ms = statistics.median(ages_ms), statistics.median(stops_ms)
+    losses = page.evaluate("standoff.losses")
+    record.say(
+        f"{name}: {rate_hz:.1f} a second, age {age_ms:.0f} ms (at most {max(ages_ms):.0f}), "
+        f"STOP answered in {stop_ms:.0f} ms, connection lost {losses} times; {form}"
     )
+    record.figure(f"pictures a second, {name}", rate_hz, "1/s")
+    record.figure(f"age of a picture, median, {name}", age_ms, "ms")
+    record.figure(f"age of a picture, most, {name}", max(ages_ms), "ms")
+    record.figure(f"STOP answered, median, {name}", stop_ms, "ms")
+    record.figure(f"connections lost, {name}", losses, "")
 
 
 def _opened(browser: Browser, url: str) -> Page:
@@ -65,13 +71,13 @@ def _opened(browser: Browser, url: str) -> Page:
 def _measure(record: Recorder, browser: Browser, address: Address) -> None:
     host, port = address
     direct = _opened(browser, f"http://{host}:{port}/")
-    record.say(f"no link between          {_figures_of(direct)}")
+    _measure_page(record, direct, "no link between")
     direct.context.close()
     for rate_bytes_per_s, one_way_s in LINKS:
         with slow_link(address, rate_bytes_per_s, one_way_s) as link:
             page = _opened(browser, link.url)
-            name = f"{1e-3 * rate_bytes_per_s:6.0f} kB/s, {2e3 * one_way_s:3.0f} ms there and back"
-            record.say(f"{name}  {_figures_of(page)}")
+            name = f"{1e-3 * rate_bytes_per_s:.0f} kB/s, {2e3 * one_way_s:.0f} ms there and back"
+            _measure_page(record, page, name)
             page.context.close()
 
 
