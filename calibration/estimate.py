@@ -1,7 +1,7 @@
 """A measured value with its standard error and its 95 % interval, and how both are written."""
 
 from dataclasses import dataclass, replace
-from math import floor, hypot, isnan, log10, nan
+from math import floor, hypot, inf, isnan, log10, nan
 from typing import Final, Self
 
 NORMAL_95: Final = 1.959963984540054
@@ -69,3 +69,12 @@ def with_reach(value: float, reach_95: float | None, digits: int) -> str:
     if 0 < reach_95 < 10.0**-digits:
         digits = min(-floor(log10(reach_95)), _DIGITS_MOST)
     return f"{value:.{digits}f} ± {reach_95:.{digits}f}"
+
+
+def signed_with_reach(value: float, reach_95: float) -> str:
+    """Format a value with its sign and half its 95 % interval, both to the half's second digit."""
+    if not 10.0 ** (1 - _DIGITS_MOST) <= reach_95 < inf:
+        return f"{value:+.3g} ± {reach_95:.2g}"
+    # Rounded first: 0.0996 has its second digit where 0.10 has it.
+    digits = max(1 - floor(log10(float(f"{reach_95:.1e}"))), 0)
+    return f"{value:+z.{digits}f} ± {reach_95:.{digits}f}"

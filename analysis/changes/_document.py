@@ -18,7 +18,7 @@ from analysis.detection_limits import (
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from calibration.documents import read_document
-from calibration.estimate import NORMAL_95
+from calibration.estimate import NORMAL_95, signed_with_reach
 from simulation.arguments import FilePath, checked
 from simulation.choices import PsfForm
 
@@ -338,7 +338,7 @@ def describe_focus(found: ChangeSummary) -> str | None:
     value_px2, err_px2 = found.extra_blur_px2, found.extra_blur_err_px2
     if not isfinite(err_px2):
         return None
-    figures = f"{value_px2:+.2f} ± {NORMAL_95 * err_px2:.2g} px^2"
+    figures = f"{signed_with_reach(value_px2, NORMAL_95 * err_px2)} px^2"
     if found.kernel == "pair" and abs(value_px2) <= _SURE * err_px2:
         return f"the follow-up is as sharp as the reference ({figures})"
     word = "softer" if value_px2 > 0 else "sharper"

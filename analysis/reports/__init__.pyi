@@ -14,6 +14,7 @@ from ._change_pictures import (
 )
 from ._change_series import series_report as series_report
 from ._changes import (
+    amplitude_text as amplitude_text,
     changes_report as changes_report,
     changes_section as changes_section,
     count_text as count_text,

@@ -31,7 +31,7 @@ from analysis.reports._page import (
     number_text,
     present,
 )
-from calibration.estimate import NORMAL_95
+from calibration.estimate import NORMAL_95, signed_with_reach, with_reach
 
 _LISTED = 200
 """Rows of the list in a page; changes.csv has all."""
@@ -122,15 +122,15 @@ def _verdicts(summary: ChangeSummary) -> tuple[Verdict, ...]:
     told = ""
     if strongest is not None:
         deviations = f"{strongest.significance:.1f} standard deviations"
-        told = f"the strongest {_amplitude(strongest)} DN, {deviations}"
+        told = f"the strongest {amplitude_text(strongest)} DN, {deviations}"
     compared = f"of {summary.compared_px} that were compared"
-    err = summary.extra_blur_err_px2
-    reach = f" ± {NORMAL_95 * err:.2f}" if isfinite(err) else ""
-    blur = f"{summary.extra_blur_px2:z.2f}{reach} px²"
+    blur, err = f"{summary.extra_blur_px2:z.2f}", summary.extra_blur_err_px2
+    if isfinite(err):
+        blur = signed_with_reach(summary.extra_blur_px2, NORMAL_95 * err)
     return (
         Verdict("changes", str(len(summary.changes)), told),
         Verdict("changed pixels", str(summary.changed_px), compared),
-        Verdict("blur", blur, _KERNELS.get(summary.kernel or "", "")),
+        Verdict("blur", f"{blur} px²", _KERNELS.get(summary.kernel or "", "")),
         Verdict("light", f"x {summary.gain:.3f}", "follow-up over reference"),
     )
 
@@ -235,7 +235,7 @@ def _list_table(changes: Sequence[Change]) -> ReportTable:
             "reference y / px": lambda one: f"{one[1].reference_y_px:.1f}",
             "area / px": lambda one: f"{one[1].area_px:.0f}",
             "sigma / px": lambda one: number_text(one[1].spot_sigma_px, ".1f"),
-            "amplitude / DN": lambda one: _amplitude(one[1]),
+            "amplitude / DN": lambda one: amplitude_text(one[1]),
             "significance": lambda one: f"{one[1].significance:.1f}",
             "q value": lambda one: q_text(one[1].q_value),
         },
@@ -278,17 +278,19 @@ def q_text(q_value: float) -> str:
     return f"{q_value:.2g}" if q_value >= _LEAST_Q else f"< {_LEAST_Q:g}"
 
 
-def _amplitude(change: Change) -> str:
-    return f"{change.amplitude_dn:+.3g}{_reach(change.amplitude_err_dn)}"
+def amplitude_text(change: Change) -> str:
+    """Return a change's amplitude in DN with half its 95 % interval."""
+    return signed_with_reach(change.amplitude_dn, NORMAL_95 * change.amplitude_err_dn)
 
 
 def _comparison_section(summary: ChangeSummary) -> ReportSection:
-    k1, k1_err = summary.distortion_k1, summary.distortion_k1_err
+    k1_err = summary.distortion_k1_err
+    k1_reach = None if k1_err is None else NORMAL_95 * k1_err
     noise = f"{summary.noise_factor:.3g} DN², fitted"
     if summary.is_noise_known:
         noise = f"{summary.noise_factor:.2f} of noise.json's"
     rows = (
-        ("distortion of the lens, k1", f"{k1:.5f}{_reach(k1_err)}"),
+        ("distortion of the lens, k1", with_reach(summary.distortion_k1, k1_reach, 5)),
         ("noise variance", noise),
         ("registration along the gradient", f"{summary.registration_err_px:.3f} px"),
         ("error of the blur", f"{summary.width_err_px2:.3f} px²"),
@@ -309,10 +311,6 @@ def _comparison_section(summary: ChangeSummary) -> ReportSection:
             caption="The homography takes follow-up pixels (x, y, 1) to reference pixels.",
         ),
     )
-
-
-def _reach(err: float | None) -> str:
-    return "" if err is None else f" ± {NORMAL_95 * err:.2g}"
 
 
 _STORED_LISTED = 20

@@ -155,8 +155,7 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
 
 
 def _print_changes(found: Sequence[Change]) -> None:
-    from analysis.reports import count_text, q_text
-    from calibration.estimate import NORMAL_95
+    from analysis.reports import amplitude_text, count_text, q_text
 
     if not found:
         return
@@ -176,9 +175,7 @@ def _print_changes(found: Sequence[Change]) -> None:
             "sigma / px": lambda one: (
                 "" if one[1].spot_sigma_px is None else f"{one[1].spot_sigma_px:.1f}"
             ),
-            "amplitude / DN": lambda one: (
-                f"{one[1].amplitude_dn:+.3g} ± {NORMAL_95 * one[1].amplitude_err_dn:.2g}"
-            ),
+            "amplitude / DN": lambda one: amplitude_text(one[1]),
             "significance": lambda one: f"{one[1].significance:.1f}",
             "q": lambda one: q_text(one[1].q_value),
         },

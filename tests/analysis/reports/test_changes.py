@@ -228,7 +228,7 @@ def test_a_page_without_changes_says_so() -> None:
         ),
         ("calibrated", 0.01, "no change of focus: the blur is what psf.json and the pose explain"),
         ("pair", 0.25, "against the reference, the follow-up is softer by a Gaussian of 0.50 px"),
-        ("pair", 0.01, "the follow-up is as sharp as the reference (+0.01 ± 0.02 px^2)"),
+        ("pair", 0.01, "the follow-up is as sharp as the reference (+0.010 ± 0.020 px^2)"),
     ],
 )
 def test_the_focus_is_told_with_its_significance(kernel: str, extra_px2: float, said: str) -> None:
