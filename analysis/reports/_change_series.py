@@ -32,6 +32,7 @@ from analysis.reports._page import (
     number_text,
     present,
 )
+from calibration.estimate import NORMAL_95, signed_with_reach
 from simulation.arrays import AnyArray
 from simulation.palette import BLUE, INK, PALETTE, VERMILION
 
@@ -40,7 +41,6 @@ _LISTED = 300
 
 _TRACKS_LISTED, _TRACKS_DRAWN, _TRACKS_ON_MAP = 100, 8, 40
 _DRAWN_PX = 1500  # longest side of a reference in colour
-_NORMAL_95 = 1.96
 _LEVEL_LETTERS = 6  # of names that fit side by side
 _COLOURS = (*PALETTE, "#7A5C00", "#000000")
 _SEEN, _NOT_SEEN, _NOT_COMPARED = VERMILION, "#DDE3E9", "#FFFFFF"
@@ -161,19 +161,25 @@ def _tracks_table(line: ChangeTimeLine) -> ReportTable:
             "seen": lambda one: f"{one[1].seen} of {len(one[1].points)}",
             "first": lambda one: names[one[1].first_seen],
             "last": lambda one: names[one[1].last_seen],
-            "strongest / DN": lambda one: f"{_strongest_dn(one[1]):+.3g}",
+            "strongest / DN": lambda one: _strongest_text(one[1]),
         },
         "Tracks, the longest seen first; series.json has all of them with every follow-up.",
     )
 
 
-def _strongest_dn(track: ChangeTrack) -> float:
+def _strongest(track: ChangeTrack) -> tuple[float, float]:
+    """Amplitude and its error of the strongest sighting."""
     seen = [
-        point.amplitude_dn
+        (point.amplitude_dn, point.amplitude_err_dn or 0.0)
         for point in track.points
         if point.sighting == "seen" and point.amplitude_dn is not None
     ]
-    return max(seen, key=abs)
+    return max(seen, key=lambda one: abs(one[0]))
+
+
+def _strongest_text(track: ChangeTrack) -> str:
+    amplitude_dn, err_dn = _strongest(track)
+    return signed_with_reach(amplitude_dn, NORMAL_95 * err_dn)
 
 
 def _short(one: TimeLineFollowup) -> str:
@@ -198,7 +204,7 @@ def _plot_time_line(line: ChangeTimeLine) -> Figure:
 
 def _draw_track(axes: Axes, track: ChangeTrack, beside: float, colour: str, label: str) -> None:
     seen = [
-        (number + beside, point.amplitude_dn, _NORMAL_95 * (point.amplitude_err_dn or 0.0))
+        (number + beside, point.amplitude_dn, NORMAL_95 * (point.amplitude_err_dn or 0.0))
         for number, point in enumerate(track.points)
         if point.sighting == "seen"
     ]
@@ -253,7 +259,7 @@ def plot_track_map(line: ChangeTimeLine, reference_dn: AnyArray) -> Figure:
         low, high = np.percentile(levels, (0.5, 99.5))
         axes.imshow(levels, cmap="gray", vmin=low, vmax=max(high, low + 1e-9))
     for number, track in enumerate(line.tracks[:_TRACKS_ON_MAP], 1):
-        colour = VERMILION if _strongest_dn(track) > 0 else BLUE
+        colour = VERMILION if _strongest(track)[0] > 0 else BLUE
         x, y = track.reference_x_px, track.reference_y_px
         halo = [withStroke(linewidth=3, foreground="white")]
         axes.plot(

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.edges import REJECTING_FLAGS
+from calibration.estimate import NORMAL_95
 from simulation.arrays import FloatArray
 from simulation.figures import InlineFigure, figure_of
 from simulation.palette import BLUE, GREEN, INK, PURPLE, VERMILION
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 
 ORIENTATION_COLOURS = {"vertical": BLUE, "horizontal": VERMILION, "diagonal": GREEN}
-_NORMAL_95 = 1.96
 _DIRECTIONS = ((0.0, "along x"), (45.0, "at 45 deg"), (90.0, "along y"), (135.0, "at 135 deg"))
 _DIRECTION_COLOURS = (BLUE, GREEN, VERMILION, PURPLE)
 _DIRECTION_DASHES = ("-", (0, (6, 6)), (4, (3, 9)), ":")  # where curves coincide, all show
@@ -87,7 +87,7 @@ def draw_transfer_2d(axes: Axes, transfer: "Transfer2d") -> None:
     ):
         angle = np.deg2rad(angle_deg)
         fx, fy = freq * np.cos(angle), freq * np.sin(angle)
-        values, reach = transfer.otf(fx, fy), _NORMAL_95 * transfer.otf_err(fx, fy)
+        values, reach = transfer.otf(fx, fy), NORMAL_95 * transfer.otf_err(fx, fy)
         axes.plot(freq, values, color=colour, linestyle=dashes, linewidth=1.6, label=label)
         axes.fill_between(freq, values - reach, values + reach, color=colour, alpha=0.25, lw=0)
     axes.axhline(0.0, color=INK, linewidth=0.6)
@@ -158,7 +158,7 @@ def _draw_widths(
             axes.errorbar(
                 position,
                 width,
-                yerr=_NORMAL_95 * err,
+                yerr=NORMAL_95 * err,
                 fmt="o",
                 markersize=3.5,
                 linewidth=0.8,

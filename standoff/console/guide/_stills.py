@@ -125,6 +125,7 @@ class _StoredChange(BaseModel):
     radius: float
     area_px: float
     amplitude_dn: float
+    delta_e: float | None = None
     what: str
     side: Literal["brighter", "darker"]
 
@@ -440,6 +441,7 @@ def _listed(change: Change, size: tuple[int, int], orientation: int | None) -> d
         "radius": max(1.7 * sqrt(change.area_px / pi) / width, 0.02),
         "area_px": change.area_px,
         "amplitude_dn": change.amplitude_dn,
+        "delta_e": change.delta_e,
         "significance": change.significance,
         "what": change.what,
         "side": "brighter" if change.amplitude_dn > 0 else "darker",

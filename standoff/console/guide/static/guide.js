@@ -320,10 +320,11 @@ function listChanges(blink, changes) {
   }));
 }
 
-function said({ what, side, amplitude_dn: amplitude, area_px: area, x, y }) {
+function said({ what, side, amplitude_dn: amplitude, delta_e: deltaE, area_px: area, x, y }) {
   const where = `${Math.round(100 * x)} % from the left, ${Math.round(100 * y)} % from the top`;
   const named = what && what !== side ? `${what}, ${side}` : side;
-  return `${named} by ${Math.abs(amplitude).toPrecision(2)} DN, ${Math.max(1, Math.round(area))} px, ${where}`;
+  const amount = what === "colour" && deltaE ? `another colour, ΔE ${deltaE.toPrecision(2)}` : `${named} by ${Math.abs(amplitude).toPrecision(2)} DN`;
+  return `${amount}, ${Math.max(1, Math.round(area))} px, ${where}`;
 }
 
 function ring(marks, changes, aspect) {

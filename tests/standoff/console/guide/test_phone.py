@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,30 @@ def not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "standoff.console.guide._stills.StillStore._compared", lambda _store, _, record: record
     )
+
+
+def test_a_change_of_colour_is_told_by_its_colour_difference(
+    browser: Browser, guide: ServedGuide, stills: Stills, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = {"x": 0.25, "y": 0.5, "radius": 0.02, "area_px": 209.0, "significance": 69.8}
+    colour = at | {"what": "colour", "side": "brighter", "amplitude_dn": 6.3e-17, "delta_e": 3.33}
+    brighter = at | {"what": "new", "side": "brighter", "amplitude_dn": 21.2, "delta_e": None}
+    earlier = at | {"what": "darker", "side": "darker", "amplitude_dn": -4.0}
+    listed = (colour, brighter, earlier)
+    monkeypatch.setattr(
+        "standoff.console.guide._stills.StillStore._compared",
+        lambda _store, _, record: replace(record, state="done", changes=listed),
+    )
+    with opened(browser, guide) as page:
+        page.route("**/*.jpg?*", lambda route: route.fulfill(path=stills.again))
+        page.set_input_files("#photograph", stills.again)
+        page.wait_for_selector(".still .blink:visible")
+        where = "209 px, 25 % from the left, 50 % from the top"
+        assert page.locator(".still .changes li").all_inner_texts() == [
+            f"another colour, ΔE 3.3, {where}",
+            f"new, brighter by 21 DN, {where}",
+            f"darker by 4.0 DN, {where}",
+        ]
 
 
 @pytest.mark.usefixtures("not_compared")
