@@ -199,7 +199,7 @@ def frames_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> It
 def _refuse_chosen_page(options: ReadOptions) -> None:
     if options.page is not None or options.is_mean:
         raise DecodingError(
-            "every page is a frame here; do not choose a page, or take the mean of the pages"
+            "every page is a frame here: choose no page, and do not take the mean of the pages"
         )
 
 

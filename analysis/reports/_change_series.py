@@ -170,9 +170,11 @@ def _tracks_table(line: ChangeTimeLine) -> ReportTable:
 def _strongest(track: ChangeTrack) -> tuple[float, float]:
     """Amplitude and its error of the strongest sighting."""
     seen = [
-        (point.amplitude_dn, point.amplitude_err_dn or 0.0)
+        (point.amplitude_dn, point.amplitude_err_dn)
         for point in track.points
-        if point.sighting == "seen" and point.amplitude_dn is not None
+        if point.sighting == "seen"
+        and point.amplitude_dn is not None
+        and point.amplitude_err_dn is not None
     ]
     return max(seen, key=lambda one: abs(one[0]))
 
